@@ -1,0 +1,1 @@
+"""Named studies: declare, run, score against truth, report; and the command line."""

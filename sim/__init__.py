@@ -1,0 +1,1 @@
+"""Equations, effects, maneuvers, sensors and truth generation; knows nothing of the rooms above."""

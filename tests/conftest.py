@@ -1,0 +1,14 @@
+"""What holds for every test: one BLAS thread, and hypothesis examples that are the same on every run."""
+
+from __future__ import annotations
+
+import os
+
+from hypothesis import settings
+
+# Set before any test imports numpy; small matrices gain nothing from threads, and processes inherit it.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+settings.register_profile("flightid", deadline=None, derandomize=True)
+settings.load_profile("flightid")
