@@ -40,11 +40,15 @@ class Parameter:
             raise ModelError(f"value {self.value} is not a finite number", where=f"parameter {self.name}", remedy="give a finite value")
         if not low <= self.value <= high:
             raise ModelError(
-                f"value {self.value:g} {self.unit} lies outside [{low:g}, {high:g}]", where=f"parameter {self.name}", remedy="give a value within the bounds"
+                f"value {self.value:g} {self.unit} lies outside [{low:g}, {high:g}]",
+                where=f"parameter {self.name}",
+                remedy="give a value within the bounds",
             )
         if not self.prior_std > 0:
             raise ModelError(
-                f"prior standard deviation {self.prior_std:g} is not positive", where=f"parameter {self.name}", remedy="give a positive one, or hold it"
+                f"prior standard deviation {self.prior_std:g} is not positive",
+                where=f"parameter {self.name}",
+                remedy="give a positive one, or hold it",
             )
 
 

@@ -75,19 +75,25 @@ class Record:
         if time.ndim != 1 or time.size < 2:
             raise RecordError(f"{time.size} sample(s)", where=self.name, remedy="a record needs at least two rows")
         if not np.all(np.isfinite(time)):
-            raise RecordError("time is missing or infinite", where=f"{self.name}, row {int(np.argmin(np.isfinite(time))) + 1}", remedy="give every row a time")
+            raise RecordError(
+                "time is missing or infinite", where=f"{self.name}, row {int(np.argmin(np.isfinite(time))) + 1}", remedy="give every row a time"
+            )
         step = np.diff(time)
         if np.any(step <= 0):
             row = int(np.argmax(step <= 0)) + 2
             what = "time is repeated" if step[row - 2] == 0 else "time goes back"
             raise RecordError(
-                f"{what} ({time[row - 2]:.9g} s, then {time[row - 1]:.9g} s)", where=f"{self.name}, row {row}", remedy="sort the rows and remove duplicates"
+                f"{what} ({time[row - 2]:.9g} s, then {time[row - 1]:.9g} s)",
+                where=f"{self.name}, row {row}",
+                remedy="sort the rows and remove duplicates",
             )
         names = [channel.name for channel in self.channels]
         for channel in self.channels:
             if channel.values.shape != time.shape or channel.valid.shape != time.shape:
                 raise RecordError(
-                    f"{channel.values.size} values for {time.size} times", where=f"{self.name}, channel {channel.name}", remedy="give each row one value"
+                    f"{channel.values.size} values for {time.size} times",
+                    where=f"{self.name}, channel {channel.name}",
+                    remedy="give each row one value",
                 )
             if not np.any(channel.valid):
                 raise RecordError("not a single number", where=f"{self.name}, channel {channel.name}", remedy="leave the column out")
@@ -97,7 +103,9 @@ class Record:
             if not np.all(channel.valid):
                 row = int(np.argmin(channel.valid)) + 1
                 raise RecordError(
-                    "an input sample is missing", where=f"{self.name}, channel {channel.name}, row {row}", remedy="fill the gap or cut the record there"
+                    "an input sample is missing",
+                    where=f"{self.name}, channel {channel.name}, row {row}",
+                    remedy="fill the gap or cut the record there",
                 )
         object.__setattr__(self, "time", _frozen(time))
 
@@ -150,7 +158,9 @@ class Record:
         if np.count_nonzero(keep) < 2:
             span = f"{self.time[0]:g} to {self.time[-1]:g} s"
             raise RecordError(f"fewer than two rows between {start} and {stop} s", where=self.name, remedy=f"the record covers {span}")
-        cut = [tuple(replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep])) for c in group) for group in (self.inputs, self.outputs)]
+        cut = [
+            tuple(replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep])) for c in group) for group in (self.inputs, self.outputs)
+        ]
         return replace(self, time=self.time[keep], inputs=cut[0], outputs=cut[1])
 
     def only(self, outputs: Iterable[str]) -> Record:

@@ -1,0 +1,154 @@
+"""What an effect is: one physical phenomenon with one station on the signal chain.
+
+recorded input -> input path -> dynamics (with disturbances) -> sensor path -> recorded output
+
+An effect is a frozen object. It declares its parameters (local names; full names carry the
+instance as a prefix), the values at which it vanishes exactly, and the hook of its station.
+Hooks are plain arithmetic that broadcasts over trailing batch axes and survives a complex step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Protocol, runtime_checkable
+
+from sim.parameters import Parameter
+
+
+class Station(Enum):
+    """Where an effect acts, in the order in which data flow."""
+
+    INPUT_PATH = "input path"
+    DISTURBANCE = "disturbance"
+    DYNAMICS = "dynamics"
+    SENSOR_PATH = "sensor path"
+    NOISE = "noise"
+
+
+class Regularity(Enum):
+    """How the likelihood behaves at the point where the effect is absent."""
+
+    REGULAR = "regular: the score test holds"
+    BOUNDARY = "on the boundary of the parameter space: one-sided test"
+    INACTIVE = "without influence until it is large enough: score is zero at absence"
+    UNDEFINED = "a second parameter has no meaning at absence: search over it"
+    CHANGE_POINT = "acts from an unknown time: search over it"
+    OUTLIER = "isolated samples"
+    PROCESS_NOISE = "random forcing: judged by innovations, not by simulation"
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A named quantity on the model's bus, with unit and meaning."""
+
+    name: str
+    unit: str
+    meaning: str = ""
+
+
+@runtime_checkable
+class Effect(Protocol):
+    """What every effect declares.
+
+    Attributes
+    ----------
+    name : the instance, ``"input-delay"`` or, with a channel, ``"sensor-lag:q"``.
+    station : where it acts.
+    parameters : with local names; values are sensible starts, bounds the physical limits.
+    absent : local values at which the effect vanishes bit for bit; the others do not matter then.
+    regularity : the kind of test its absence allows.
+    aliases : names of effects that a common record cannot tell from this one.
+    explanation : one paragraph a student can read.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def station(self) -> Station: ...
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...
+    @property
+    def absent(self) -> Mapping[str, float]: ...
+    @property
+    def regularity(self) -> Regularity: ...
+    @property
+    def aliases(self) -> tuple[str, ...]: ...
+    @property
+    def explanation(self) -> str: ...
+
+
+@runtime_checkable
+class InputEffect(Effect, Protocol):
+    """Acts on one input between the record and the vehicle.
+
+    ``act(edges, u, p)``: ``u`` holds the input's mean over each cell, ``(n_cells, ...)``; ``edges``
+    the cell boundaries, ``(n_cells + 1,)``, s. The result has the same meaning and length.
+    """
+
+    @property
+    def signal(self) -> str: ...
+    def act(self, edges: Any, u: Any, p: Any) -> Any: ...
+
+
+@runtime_checkable
+class DynamicsEffect(Effect, Protocol):
+    """Adds to the ports of the equations of motion, with or without states of its own.
+
+    ``increments(s, vehicle, p)`` returns ``{port: value}``; ``derivatives(s, vehicle, p)`` one rate
+    for each of ``states``. Disturbances act before the flow quantities are formed, dynamics after.
+    """
+
+    @property
+    def states(self) -> tuple[Signal, ...]: ...
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]: ...
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]: ...
+
+
+@runtime_checkable
+class SensorEffect(Effect, Protocol):
+    """Acts on one output channel with memory, on the grid of sub-steps.
+
+    ``act(steps, begin, end, p)``: values at the beginning of each sub-step, ``(M + 1, ...)`` (the last
+    one is the value at the final sample), at the end of each, ``(M, ...)``, sub-step sizes ``(M,)``, s.
+    Returns new ``(begin, end)``. The two differ where the input jumps.
+    """
+
+    @property
+    def channel(self) -> str: ...
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]: ...
+
+
+@runtime_checkable
+class ReadingEffect(Effect, Protocol):
+    """Acts on output channels without memory: ``read(s, y, vehicle, p)`` returns ``{channel: new value}``."""
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]: ...
+
+
+@runtime_checkable
+class OnlineForm(Protocol):
+    """State form of an input or sensor effect, for filters that see one sample at a time.
+
+    ``states`` names the states, ``rates(v, x, p)`` gives their derivatives when the signal that
+    enters is ``v``, ``pass_on(v, x, p)`` the signal that leaves.
+    """
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]: ...
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]: ...
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any: ...
+
+
+@runtime_checkable
+class NoiseEffect(Effect, Protocol):
+    """Drives its own states by white noise: ``density(vehicle, p)`` returns one spectral density a state."""
+
+    def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
+
+
+def full_name(effect: Effect, local: str) -> str:
+    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2 is ``CL_eta2``."""
+    rename = getattr(effect, "rename", None)
+    return rename(local) if rename is not None else f"{effect.name}.{local}"

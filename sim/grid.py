@@ -1,0 +1,109 @@
+"""The time grid of a simulation: record samples, nodes, equal sub-steps between nodes, cells for inputs.
+
+Nodes are the record's samples, with further ones put into gaps so that node intervals differ little;
+every node interval is cut into the same number of sub-steps, which keeps whole-record algorithms
+rectangular. Cells subdivide sub-steps; effects with memory act on the mean of the input over a cell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.record import Hold
+from sim.system import System
+
+CELL = 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Where a simulation steps.
+
+    Attributes
+    ----------
+    nodes : ``(K + 1,)`` s.
+    substeps : sub-steps in each node interval.
+    steps : ``(M,)`` sub-step sizes, ``M = K * substeps``, s.
+    edges : ``(M + 1,)`` boundaries of the sub-steps, s; nodes are met exactly.
+    sample : ``(N,)`` index into ``edges`` of each record sample.
+    source : ``(M,)`` record row whose held input acts during the sub-step.
+    """
+
+    nodes: np.ndarray
+    substeps: int
+    steps: np.ndarray
+    edges: np.ndarray
+    sample: np.ndarray
+    source: np.ndarray
+
+
+def make_grid(time: np.ndarray, max_step: float) -> Grid:
+    """Grid for record times ``(N,)`` with sub-steps of at most ``max_step`` s."""
+    gaps = np.diff(time)
+    usual = max(float(np.median(gaps)), max_step)
+    pieces = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9)).astype(int)
+    nodes = np.append(np.concatenate([a + (b - a) * np.arange(n) / n for a, b, n in zip(time[:-1], time[1:], pieces, strict=True)]), time[-1])
+    intervals = np.diff(nodes)
+    substeps = max(1, math.ceil(float(intervals.max()) / max_step - 1e-6))
+    steps = np.repeat(intervals / substeps, substeps)
+    edges = np.append((nodes[:-1, None] + intervals[:, None] * np.arange(substeps) / substeps).ravel(), nodes[-1])
+    sample = np.concatenate([[0], np.cumsum(pieces)]) * substeps
+    source = np.repeat(np.arange(len(gaps)), pieces * substeps)
+    return Grid(nodes, substeps, steps, edges, sample, source)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Inputs at the vehicle, one row an input, batch axes trailing.
+
+    ``stages`` are the inputs at the beginning, middle and end of each sub-step as the integrator sees
+    them, each ``(M, ...)``; ``begin`` ``(M + 1, ...)`` and ``end`` ``(M, ...)`` are those that act on the
+    outputs directly, ``begin`` just after a sample's switch, ``end`` just before the next.
+    """
+
+    stages: tuple[list[Any], list[Any], list[Any]]
+    begin: list[Any]
+    end: list[Any]
+
+
+def drive_from_record(system: System, p: Any, u: np.ndarray, time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
+    """Inputs at the vehicle for a record's inputs ``u (n_inputs, N)``, through the input path.
+
+    Without input-path effects held inputs pass unchanged and linear ones are exact at the stages.
+    """
+    rows = list(u)
+    if system.input_stages:
+        return _through_cells(system, p, rows, time, hold, grid)
+    if hold is Hold.PREVIOUS:
+        held = [row[grid.source] for row in rows]
+        return Drive((held, held, held), [np.append(h, row[-1]) for h, row in zip(held, rows, strict=True)], held)
+    begin = [np.interp(grid.edges, time, row) for row in rows]
+    middle = [0.5 * (b[:-1] + b[1:]) for b in begin]
+    return Drive(([b[:-1] for b in begin], middle, [b[1:] for b in begin]), begin, [b[1:] for b in begin])
+
+
+def drive_from_means(rows: list[np.ndarray], begin: list[np.ndarray], end: list[np.ndarray]) -> Drive:
+    """Inputs given as means over each sub-step and values at its two ends."""
+    return Drive((rows, rows, rows), begin, end)
+
+
+def _through_cells(system: System, p: Any, rows: list[Any], time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
+    # One further sub-step after the last sample carries the feed-through there.
+    steps = np.append(grid.steps, grid.steps[-1])
+    per_step = max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6))
+    start = np.append(grid.edges[:-1], grid.edges[-1])
+    edges = np.append((start[:, None] + steps[:, None] * np.arange(per_step) / per_step).ravel(), start[-1] + steps[-1])
+    if hold is Hold.PREVIOUS:
+        source = np.repeat(np.append(grid.source, len(time) - 1), per_step)
+        cells = [row[source] for row in rows]
+    else:
+        at_edges = [np.interp(edges, time, row) for row in rows]
+        cells = [0.5 * (a[:-1] + a[1:]) for a in at_edges]
+    cells = system.input_path(p, cells, edges)
+    split = [np.asarray(c).reshape((len(steps), per_step) + np.shape(c)[1:]) for c in cells]
+    means = [c[:-1].mean(axis=1) for c in split]
+    return Drive((means, means, means), [c[:, 0] for c in split], [c[:-1, -1] for c in split])

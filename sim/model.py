@@ -1,0 +1,150 @@
+"""A model: equations of motion on named signals, parameters, initial state, noise, effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Protocol
+
+from sim.effect import Effect, Signal, full_name
+from sim.errors import ModelError
+from sim.parameters import Parameter, ParameterSet
+
+
+class Equations(Protocol):
+    """Equations of motion of one kind of vehicle, written once.
+
+    ``flow(s, p)`` forms quantities that loads depend on (air angle of attack, airspeed) after the
+    disturbances have acted; ``derivatives(s, p)`` returns one rate for each state, ``measurements(s, p)``
+    one value for each output. ``s`` carries states, inputs, ports and ``time`` by name, ``p`` the
+    parameters named in ``parameter_names``. Each port is zero unless an effect adds to it.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def states(self) -> tuple[Signal, ...]: ...
+    @property
+    def inputs(self) -> tuple[Signal, ...]: ...
+    @property
+    def outputs(self) -> tuple[Signal, ...]: ...
+    @property
+    def ports(self) -> tuple[Signal, ...]: ...
+    @property
+    def parameter_names(self) -> tuple[str, ...]: ...
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]: ...
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]: ...
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]: ...
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is random in a model.
+
+    Attributes
+    ----------
+    measurement_std : standard deviation of the white noise on each output, in its unit.
+    process_density : spectral density of white noise on a state's rate or, as a random walk, on a
+        free parameter: (unit of the quantity)^2 / s.
+    """
+
+    measurement_std: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    process_density: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        for name, value in self.measurement_std.items():
+            if not (value > 0 and math.isfinite(value)):
+                raise ModelError(f"noise standard deviation {value} is not positive", where=f"output {name}", remedy="give a positive number")
+        for name, value in self.process_density.items():
+            if not (value >= 0 and math.isfinite(value)):
+                raise ModelError(f"process noise density {value} is negative", where=name, remedy="give zero or a positive number")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A declared model; immutable.
+
+    Attributes
+    ----------
+    equations : the base equations of motion.
+    parameters : those of the equations, then those of effects (full names), then biases.
+    initial : one entry a state of the equations: value, prior standard deviation.
+    noise : measurement and process noise.
+    effects : in order along the signal chain.
+    biases : outputs with a constant bias; each has a parameter ``bias_OUTPUT``.
+    """
+
+    equations: Equations
+    parameters: ParameterSet
+    initial: ParameterSet
+    noise: Noise = Noise()
+    effects: tuple[Effect, ...] = ()
+    biases: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.equations.parameter_names:
+            if name not in self.parameters:
+                raise ModelError("parameter is missing", where=f"model {self.equations.name}, {name}", remedy="add it to the parameter set")
+        for effect in self.effects:
+            ports = {port.name for port in self.equations.ports}
+            for needed in getattr(effect, "needs", ()):
+                if needed not in ports:
+                    raise ModelError(
+                        f"effect {effect.name} needs the port {needed!r}",
+                        where=f"model {self.equations.name}",
+                        remedy=f"its ports are {', '.join(sorted(ports)) or 'none'}",
+                    )
+
+    @property
+    def name(self) -> str:
+        return self.equations.name
+
+    def with_parameters(self, parameters: ParameterSet) -> Model:
+        """The same model with other parameters."""
+        return replace(self, parameters=parameters)
+
+    def with_values(self, values: Mapping[str, float]) -> Model:
+        """The same model with some parameter values replaced."""
+        return replace(self, parameters=self.parameters.with_values(values))
+
+    def with_noise(self, noise: Noise) -> Model:
+        """The same model with other noise."""
+        return replace(self, noise=noise)
+
+    def with_initial(self, initial: ParameterSet) -> Model:
+        """The same model with another initial state."""
+        return replace(self, initial=initial)
+
+    def with_effects(self, *effects: Effect) -> Model:
+        """The same model with further effects, their parameters at the effects' starting values."""
+        model = self
+        for effect in effects:
+            if any(present.name == effect.name for present in model.effects):
+                raise ModelError(
+                    f"effect {effect.name} acts already", where=f"model {self.name}", remedy="give the second one another number or channel"
+                )
+            added = tuple(replace(item, name=full_name(effect, item.name)) for item in effect.parameters)
+            model = replace(model, effects=(*model.effects, effect), parameters=model.parameters.joined(added))
+        return model
+
+    def without(self, name: str) -> Model:
+        """The same model without one effect and its parameters."""
+        gone = [effect for effect in self.effects if effect.name == name]
+        if not gone:
+            known = ", ".join(effect.name for effect in self.effects) or "none"
+            raise ModelError(f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}")
+        names = {full_name(gone[0], item.name) for item in gone[0].parameters}
+        kept = ParameterSet(tuple(item for item in self.parameters if item.name not in names))
+        return replace(self, effects=tuple(effect for effect in self.effects if effect.name != name), parameters=kept)
+
+    def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
+        """The same model with one free constant bias on each of the named outputs."""
+        units = {signal.name: signal.unit for signal in self.equations.outputs}
+        new = [name for name in outputs if name not in self.biases]
+        for name in new:
+            if name not in units:
+                raise ModelError(f"there is no output {name!r}", where=f"model {self.name}", remedy=f"its outputs are {', '.join(units)}")
+        added = [Parameter(f"bias_{name}", 0.0, units[name], prior_std=prior_std) for name in new]
+        return replace(self, biases=(*self.biases, *new), parameters=self.parameters.joined(added))

@@ -1,0 +1,71 @@
+"""Longitudinal short period of an aircraft at constant airspeed, non-dimensional derivatives.
+
+alpha_dot = q - rho V^2 S CL / (2 m V),  q_dot = rho V^2 S c Cm / (2 Iy),  nz = rho V^2 S CL / (2 m g0)
+(eqs. 22-25 of the simulated-flight-data paper). Perturbations about trim; the rates are made
+non-dimensional with c / (2 V). Elevator trailing edge down positive, nz positive up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sim.effect import Signal
+
+G0 = 9.80665  # m/s2, standard gravity: the unit of nz
+
+
+@dataclass(frozen=True)
+class ShortPeriod:
+    """Equations of the rigid short period; elastic modes and gusts come in through the ports.
+
+    States: angle of attack ``alpha`` (rad), pitch rate ``q`` (rad/s). Input: ``elevator`` (rad).
+    Outputs: ``alpha`` (vane at the centre of gravity), ``q``, ``nz`` (g). Ports: ``gust`` is an upward gust
+    over airspeed (rad), seen by the loads and the vane; ``lift`` adds to CL, ``moment`` to Cm.
+    """
+
+    name: str = "rigid"
+    states: tuple[Signal, ...] = (Signal("alpha", "rad", "angle of attack"), Signal("q", "rad/s", "pitch rate"))
+    inputs: tuple[Signal, ...] = (Signal("elevator", "rad", "elevator, trailing edge down"),)
+    outputs: tuple[Signal, ...] = (
+        Signal("alpha", "rad", "angle of attack at the vane"),
+        Signal("q", "rad/s", "pitch rate"),
+        Signal("nz", "g", "normal load factor, positive up"),
+    )
+    ports: tuple[Signal, ...] = (
+        Signal("gust", "rad", "upward gust over airspeed"),
+        Signal("airspeed_change", "m/s", "airspeed above the declared one"),
+        Signal("lift", "1", "added lift coefficient"),
+        Signal("moment", "1", "added moment coefficient"),
+    )
+    parameter_names: tuple[str, ...] = (
+        "mass",
+        "wing_area",
+        "chord",
+        "pitch_inertia",
+        "airspeed",
+        "air_density",
+        "CL_alpha",
+        "CL_q",
+        "CL_de",
+        "Cm_alpha",
+        "Cm_q",
+        "Cm_de",
+    )
+
+    def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
+        V = p.airspeed + s.airspeed_change
+        return {"V": V, "alpha_air": s.alpha + s.gust, "q_hat": s.q * p.chord / (2.0 * V), "pressure_area": 0.5 * p.air_density * V * V * p.wing_area}
+
+    def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
+        CL = _lift_coefficient(s, p)
+        Cm = p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator + s.moment
+        return s.q - s.pressure_area * CL / (p.mass * s.V), s.pressure_area * p.chord * Cm / p.pitch_inertia
+
+    def measurements(self, s: Any, p: Any) -> Sequence[Any]:
+        return s.alpha_air, s.q, s.pressure_area * _lift_coefficient(s, p) / (p.mass * G0)
+
+
+def _lift_coefficient(s: Any, p: Any) -> Any:
+    return p.CL_alpha * s.alpha_air + p.CL_q * s.q_hat + p.CL_de * s.elevator + s.lift
