@@ -1,0 +1,223 @@
+"""Flies the sampled closed loop with its limits and break-out, and records it as telemetry would."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from sim.closed_loop.airframe import X29
+from sim.closed_loop.equations import law_matrices, mixing, plant, shape_stick, shaping_matrices
+from sim.closed_loop.limits import ALL_FREE, RamMode, Stepper, advance, prepare
+from sim.errors import ModelError
+from sim.record import Channel, Record
+
+Stick = Callable[[np.ndarray], np.ndarray]
+# Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
+_DEPARTURE = 1.0
+
+
+class FlightOutcome(Enum):
+    """How a simulated flight ended."""
+
+    COMPLETED = "completed"
+    DEPARTED = "departed"
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoopTruth:
+    """What really happened, at the F frames of the control computer (80 Hz); nothing of it is in the record.
+
+    Attributes
+    ----------
+    time : ``(F,)``, s.
+    stick, reference, command : ``(F,)``; stick as the computer read it (in), r (g), u_p (deg) held from this frame on.
+    alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of gravity.
+    surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake.
+    command_limited, rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the ram was at its rate limit, or at
+        an end of its travel, at some instant of the frame that begins there.
+    recorded : ``(3, N)``, the record's outputs without noise.
+    outcome : COMPLETED, or DEPARTED when alpha passed 1 rad; the flight and the record end there.
+    """
+
+    time: np.ndarray
+    stick: np.ndarray
+    reference: np.ndarray
+    command: np.ndarray
+    alpha: np.ndarray
+    q: np.ndarray
+    nz: np.ndarray
+    surfaces: np.ndarray
+    command_limited: np.ndarray
+    rate_limited: np.ndarray
+    stopped: np.ndarray
+    recorded: np.ndarray
+    outcome: FlightOutcome
+
+
+def fly_closed_loop(
+    x29: X29, stick: Stick | np.ndarray, duration: float, rng: np.random.Generator | None = None, *, pieces: int = 8
+) -> tuple[Record, ClosedLoopTruth]:
+    """Flies from trim for ``duration`` s and returns the telemetry record with the truth.
+
+    Within a frame (12.5 ms) the plant is stepped exactly by the matrix exponential with the command held; rate and position
+    limits are exact but for a limit met and left within 1/``pieces`` of a frame (see ``sim.closed_loop.limits``). The computer
+    reads the stick and both sensors at the frame and moves the command one frame later.
+
+    Parameters
+    ----------
+    stick : a function of time (array of s to array of in, aft +), read at the frames, or an array with one value a frame.
+    rng : source of the measurement noise, whose levels stand in ``x29.telemetry``; None records without noise.
+    pieces : how often in a frame the limits are looked at.
+
+    Returns
+    -------
+    Record : input ``stick`` (in, previous value held), outputs ``alpha`` (rad, vane: alpha - (arm/V) q), ``q`` (rad/s) and
+        ``nz`` (total, g, 1 in trim), 40 Hz from 0 to ``duration``. The recorder has its own sensors, without lag. With a
+        ``recorded_skew`` the row at time t holds the stick at t and the outputs at t - skew: the stick leads.
+    ClosedLoopTruth : see there.
+
+    Raises
+    ------
+    ModelError : a duration of less than two rows, a stick that is too short or not finite, telemetry that does not fall on
+        frames, a negative skew, fewer than one piece.
+    """
+    frame, every = x29.frame, _frames_per_row(x29)
+    frames = int(round(duration * x29.law.frame_rate)) if math.isfinite(duration) else 0
+    if frames < every:
+        raise ModelError(f"a duration of {duration:g} s", where="fly_closed_loop", remedy=f"fly for at least {every * frame:g} s")
+    if pieces < 1:
+        raise ModelError(f"{pieces} pieces", where="fly_closed_loop", remedy="give 1 or more")
+    time = frame * np.arange(frames + 1)
+    read = _stick_at_frames(stick, time)
+    flown = _fly(x29, _reference(x29, read), pieces)
+
+    count = flown.states.shape[0]
+    system = plant(x29)
+    at_frames = system.C @ flown.states.T
+    rows = np.arange(0, count, every)
+    recorded = (system.C[:3] @ _states_at_rows(x29, flown, rows).T).copy()
+    recorded[0] -= x29.telemetry.vane_arm / x29.airframe.airspeed * recorded[1]
+    recorded[2] += 1.0
+    truth = ClosedLoopTruth(
+        time=time[:count],
+        stick=read[:count],
+        reference=flown.reference[:count],
+        command=flown.command,
+        alpha=at_frames[0],
+        q=at_frames[1],
+        nz=at_frames[2] + 1.0,
+        surfaces=at_frames[3:6],
+        command_limited=flown.command_limited.T,
+        rate_limited=flown.rate_limited.T,
+        stopped=flown.stopped.T,
+        recorded=recorded,
+        outcome=flown.outcome,
+    )
+    noise = np.array([[x29.telemetry.alpha_noise], [x29.telemetry.q_noise], [x29.telemetry.nz_noise]])
+    measured = recorded if rng is None else recorded + noise * rng.standard_normal(recorded.shape)
+    units = (("alpha", "rad"), ("q", "rad/s"), ("nz", "g"))
+    outputs = tuple(Channel.of(name, unit, values) for (name, unit), values in zip(units, measured, strict=True))
+    return Record(time[rows], (Channel.of("stick", "in", read[rows]),), outputs, name=f"x29 {x29.name}"), truth
+
+
+@dataclass(frozen=True, eq=False)
+class _Flown:
+    """Plant states at the frames and, for a skewed record, inside them; commands and limits, one row a frame."""
+
+    states: np.ndarray
+    inner_states: np.ndarray
+    reference: np.ndarray
+    command: np.ndarray
+    command_limited: np.ndarray
+    rate_limited: np.ndarray
+    stopped: np.ndarray
+    outcome: FlightOutcome
+
+
+def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
+    system, law = plant(x29), law_matrices(x29.law)
+    n, count = system.A.shape[0], reference.size
+    steppers = _steppers(x29, pieces)
+    mix = mixing(x29)
+    lower = np.array([surface.lower - surface.trim for surface in x29.surfaces])
+    upper = np.array([surface.upper - surface.trim for surface in x29.surfaces])
+    # The computer's next state and u_p from r, its own state and the plant's: one product a frame.
+    sensed = law.B[:, 1:] @ system.C[6:8]
+
+    states, inner = np.zeros((count, n)), np.zeros((count, n))
+    command, limited = np.zeros(count), np.zeros((count, 3), dtype=bool)
+    rate_limited, stopped = np.zeros((count, 3), dtype=bool), np.zeros((count, 3), dtype=bool)
+    state, computer, modes = np.zeros(n + 4), np.zeros(law.A.shape[0]), ALL_FREE
+    state[-1] = 1.0
+    outcome = FlightOutcome.COMPLETED
+    for k in range(count):
+        states[k] = state[:n]
+        if abs(state[0]) > _DEPARTURE:
+            outcome, count = FlightOutcome.DEPARTED, k + 1
+            break
+        command[k] = u_p = float(law.C[0] @ computer)
+        computer = law.A @ computer + law.B[:, 0] * reference[k] + sensed @ state[:n]
+        wanted = mix * u_p
+        allowed = np.minimum(np.maximum(wanted, lower), upper)
+        limited[k] = wanted != allowed
+        state[n : n + 3] = allowed
+        for stepper in steppers:
+            inner[k] = state[:n]
+            state, modes, seen = advance(stepper, state, modes)
+            for active in seen:
+                for i, mode in enumerate(active):
+                    rate_limited[k, i] |= mode in (RamMode.RATE_UP, RamMode.RATE_DOWN)
+                    stopped[k, i] |= mode in (RamMode.STOP_UPPER, RamMode.STOP_LOWER)
+    return _Flown(states[:count], inner[:count], reference, command[:count], limited[:count], rate_limited[:count], stopped[:count], outcome)
+
+
+def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
+    """One stepper a frame, or two that meet where a skewed record takes its outputs."""
+    system, rest = plant(x29), math.fmod(x29.stick.recorded_skew, x29.frame)
+    if rest == 0.0:
+        return (prepare(x29, system, x29.frame, pieces),)
+    spans = (x29.frame - rest, rest)
+    return tuple(prepare(x29, system, span, math.ceil(pieces * span / x29.frame)) for span in spans)
+
+
+def _states_at_rows(x29: X29, flown: _Flown, rows: np.ndarray) -> np.ndarray:
+    """Plant states ``recorded_skew`` before the given frames; trim before the flight."""
+    whole, rest = divmod(x29.stick.recorded_skew, x29.frame)
+    source, frames = (flown.inner_states, rows - int(whole) - 1) if rest else (flown.states, rows - int(whole))
+    return np.where(frames[:, None] >= 0, source[np.maximum(frames, 0)], 0.0)
+
+
+def _reference(x29: X29, stick: np.ndarray) -> np.ndarray:
+    """Break-out, gearing, delay and lag: r (g) at every frame."""
+    shaping, geared = shaping_matrices(x29.stick, x29.frame), shape_stick(stick, x29.stick)
+    state, reference = np.zeros(shaping.A.shape[0]), np.zeros(stick.size)
+    for k, g in enumerate(geared):
+        reference[k] = shaping.C[0] @ state + shaping.D[0, 0] * g
+        state = shaping.A @ state + shaping.B[:, 0] * g
+    return reference
+
+
+def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
+    given = np.asarray(stick if isinstance(stick, np.ndarray) else stick(time), dtype=float)
+    if given.ndim != 1 or given.size < time.size:
+        raise ModelError(f"{given.size} stick values for {time.size} frames", where="fly_closed_loop", remedy="give one value a frame, the last included")
+    if not np.all(np.isfinite(given[: time.size])):
+        raise ModelError("a stick value is not finite", where="fly_closed_loop", remedy="give numbers throughout")
+    return given[: time.size]
+
+
+def _frames_per_row(x29: X29) -> int:
+    ratio = x29.law.frame_rate / x29.telemetry.rate
+    if ratio < 1 or ratio != round(ratio):
+        raise ModelError(
+            f"telemetry at {x29.telemetry.rate:g} Hz does not fall on frames at {x29.law.frame_rate:g} Hz",
+            where=f"x29 {x29.name}",
+            remedy="give a rate that divides the frame rate",
+        )
+    if x29.stick.recorded_skew < 0:
+        raise ModelError(f"recorded_skew {x29.stick.recorded_skew:g} s", where=f"x29 {x29.name}", remedy="give 0 or more")
+    return int(round(ratio))
