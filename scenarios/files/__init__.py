@@ -1,0 +1,1 @@
+"""The border where users' files are read and written: units, records, channel maps, vehicle files, study folders."""

@@ -1,0 +1,58 @@
+"""The channels that a record may hold, and the channel map that finds them under other headers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+TIME = "time"
+STICK = "stick"
+
+# Channel -> unit inside; the stick is never converted, its unit is a label.
+CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        TIME: "s",
+        "elevator": "rad",
+        STICK: "1",
+        "alpha": "rad",
+        "q": "rad/s",
+        "nz": "g",
+        "altitude": "m",
+        "theta": "rad",
+        "airspeed": "m/s",
+        "dynamic_pressure": "Pa",
+        "ax": "m/s2",
+        "az": "m/s2",
+    }
+)
+
+
+@dataclass(frozen=True)
+class ColumnChoice:
+    """Where one channel stands in a file.
+
+    Attributes
+    ----------
+    column : header of the column, with or without its unit in brackets.
+    unit : unit of the column; None leaves it to the header.
+    """
+
+    column: str
+    unit: str | None = None
+
+
+def read_channel_map(path: str | Path) -> dict[str, ColumnChoice]:
+    """Channel name -> column, from a TOML file with lines such as ``alpha = {column = "AoA1", unit = "deg"}`` or ``alpha = "AoA1"``.
+
+    Raises
+    ------
+    DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the wrong kind.
+    """
+    from scenarios.files.channels_schema import ChannelMap
+    from scenarios.files.declarations import checked, read_toml
+
+    chosen = checked(ChannelMap, read_toml(path), path)
+    entries = {name: getattr(chosen, name) for name in CHANNEL_UNITS}
+    return {name: ColumnChoice(entry.column, entry.unit) for name, entry in entries.items() if entry is not None}

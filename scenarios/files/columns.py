@@ -1,0 +1,128 @@
+"""Which column of a table is which channel, and in which unit: header cells, channel map and sidecar together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from scenarios.files.channels import CHANNEL_UNITS, STICK, ColumnChoice
+from scenarios.files.declarations import closest
+from scenarios.files.units import to_si
+from sim.errors import RecordError
+
+_BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One channel's column.
+
+    Attributes
+    ----------
+    channel : our name.
+    header : the cell in the file.
+    index : position in the table.
+    unit : unit of the column's numbers; for the stick a label.
+    """
+
+    channel: str
+    header: str
+    index: int
+    unit: str
+
+
+def split_header(cell: str) -> tuple[str, str | None]:
+    """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
+    found = _BRACKETS.fullmatch(cell)
+    if found is None or not found[1]:
+        return cell, None
+    return found[1], (found[2] if found[2] is not None else found[3]).strip()
+
+
+def suffix_unit(cell: str, channel: str) -> str | None:
+    """Unit of ``channel_unit``: the first word over the others, ``q_deg_s`` is in ``deg/s``; None for any other header."""
+    if not cell.startswith(channel + "_"):
+        return None
+    words = [word for word in cell[len(channel) + 1 :].split("_") if word and word != "per"]
+    return "/".join(words)
+
+
+def find_column(
+    channel: str, header: Sequence[str], file: str, choices: Mapping[str, ColumnChoice] | None = None, units: Mapping[str, str] | None = None
+) -> Column | None:
+    """The column of a channel, None if the table has none.
+
+    A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
+    count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
+    ``units`` (the sidecar's) hold for headers without a unit.
+
+    Raises
+    ------
+    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit or one of the wrong dimension.
+    """
+    if channel not in CHANNEL_UNITS:
+        raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, CHANNEL_UNITS))
+    default = (units or {}).get(channel, CHANNEL_UNITS[channel])
+    if choices is not None and channel in choices:
+        return _mapped(channel, choices[channel], header, file, default)
+    named, suffixed = [], []
+    for index, cell in enumerate(header):
+        name, unit = split_header(cell)
+        if name == channel:
+            named.append(Column(channel, cell, index, default if unit is None else unit or default))
+        elif (word := suffix_unit(cell, channel)) is not None:
+            suffixed.append(Column(channel, cell, index, word))
+    readable = [column for column in suffixed if _unit_fault(column, file) is None]
+    found = (named or suffixed) if channel == STICK else named + readable  # any word is a label of the stick
+    if len(found) > 1:
+        both = " and ".join(repr(column.header) for column in found)
+        raise RecordError(f"columns {both} are all {channel}", where=file, remedy="leave one of them, or choose with --channels")
+    chosen = found or suffixed[:1]
+    if not chosen:
+        return None
+    fault = _unit_fault(chosen[0], file)
+    if fault is not None:
+        raise fault
+    return chosen[0]
+
+
+def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
+    """The error for a channel that a model cannot do without."""
+    present = [cell for cell in header if cell]
+    shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
+    remedy = f'name the column {channel}, or give --channels a map with {channel} = {{column = "HEADER"}}'
+    return RecordError(f"there is no column {channel!r}; the columns are {shown}", where=f"{file}, header", remedy=remedy)
+
+
+def column_place(file: str, column: Column) -> str:
+    """``record.csv, column 'alpha_deg'``."""
+    return f"{file}, column {column.header!r}"
+
+
+def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str) -> Column:
+    found = [index for index, cell in enumerate(header) if cell == choice.column]
+    found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
+    if not found:
+        error = missing_column(channel, header, file)
+        what = error.what.replace(repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1)
+        raise RecordError(what, where=error.where, remedy=f"correct the channel map: {closest(choice.column, [cell for cell in header if cell])}")
+    if len(found) > 1:
+        raise RecordError(f"{len(found)} columns are headed {choice.column!r}", where=f"{file}, header", remedy="rename all but one of them")
+    cell = header[found[0]]
+    unit = choice.unit if choice.unit is not None else split_header(cell)[1]
+    column = Column(channel, cell, found[0], unit or default)
+    fault = _unit_fault(column, file)
+    if fault is not None:
+        raise fault
+    return column
+
+
+def _unit_fault(column: Column, file: str) -> RecordError | None:
+    if column.channel == STICK:
+        return None
+    try:
+        to_si(1.0, column.unit, CHANNEL_UNITS[column.channel], column_place(file, column))
+    except RecordError as fault:
+        return fault
+    return None

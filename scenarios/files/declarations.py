@@ -1,0 +1,124 @@
+"""Users' TOML files against a pydantic schema: whatever is wrong becomes one line that names file, key and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
+
+Schema = TypeVar("Schema", bound="BaseModel")
+
+_LIMITS = {
+    "greater_than": ("is not above {gt}", "give a value above {gt}"),
+    "greater_than_equal": ("is below {ge}", "give {ge} or more"),
+    "less_than": ("is not below {lt}", "give a value below {lt}"),
+    "less_than_equal": ("is above {le}", "give {le} or less"),
+    "finite_number": ("is not a finite number", "give a finite number"),
+}
+# What to speak of first: a misspelt key is both unknown and missing.
+_ORDER = ("extra_forbidden", "missing")
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Raises
+    ------
+    DeclarationError : the file is missing, unreadable, not UTF-8, or not TOML (with line and column).
+    """
+    where = str(path)
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise DeclarationError("there is no such file", where=where, remedy="check the path") from None
+    except IsADirectoryError:
+        raise DeclarationError("this is a folder", where=where, remedy="name a TOML file in it") from None
+    except OSError as error:
+        raise DeclarationError(f"cannot be read ({error.strerror})", where=where, remedy="check the file and its permissions") from None
+    except UnicodeDecodeError:
+        raise DeclarationError("not UTF-8 text", where=where, remedy="save it in UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        what = f"not valid TOML: {' '.join(str(error).split())}"
+        raise DeclarationError(what, where=where, remedy='write key = value, texts in "quotes"') from None
+
+
+def checked(schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = "") -> Schema:
+    """The content as an instance of a schema; ``inside`` is the table it stands in, e.g. ``"modes[1]"``.
+
+    Raises
+    ------
+    DeclarationError : one line on the first fault: an unknown key before a missing one before a wrong value.
+    """
+    from pydantic import ValidationError
+
+    try:
+        return schema.model_validate(dict(content))
+    except ValidationError as error:
+        raise _one_line(error, schema, path, inside) from None
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """``"did you mean 'alpha'?"``, or the whole choice where nothing is near."""
+    choice = list(known)
+    lower = {name.lower(): name for name in choice}
+    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
+    return f"did you mean {lower[near[0]]!r}?" if near else f"use one of {', '.join(choice)}"
+
+
+def key_path(parts: Iterable[str | int]) -> str:
+    """``("modes", 0, "damping")`` as ``modes[1].damping``: tables are counted from one."""
+    text = ""
+    for part in parts:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path, inside: str) -> DeclarationError:
+    faults = sorted(error.errors(include_url=False), key=lambda fault: _ORDER.index(fault["type"]) if fault["type"] in _ORDER else len(_ORDER))
+    fault = faults[0]
+    kind, location = fault["type"], fault["loc"]
+    key = key_path((inside, *location) if inside else location)
+    where = f"{path}, key {key}"
+    if kind == "extra_forbidden":
+        table = _schema_at(schema, location[:-1])
+        return DeclarationError("there is no such key", where=where, remedy=closest(str(location[-1]), _keys(table)))
+    if kind == "missing":
+        missing = [key_path((inside, *other["loc"]) if inside else other["loc"]) for other in faults if other["type"] == "missing"]
+        word = "key" if len(missing) == 1 else "keys"
+        return DeclarationError(f"{word} missing: {', '.join(missing)}", where=str(path), remedy="add " + ("it" if len(missing) == 1 else "them"))
+    context = fault.get("ctx", {})
+    if kind in _LIMITS:
+        what, remedy = (text.format(**{name: f"{value:g}" for name, value in context.items()}) for text in _LIMITS[kind])
+        return DeclarationError(f"value {_shown(fault['input'])} {what}", where=where, remedy=remedy)
+    if "remedy" in context:
+        return DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"]))
+    message = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    return DeclarationError(f"value {_shown(fault['input'])} is not {message}", where=where, remedy="correct the value")
+
+
+def _shown(value: object) -> str:
+    text = f"{value:g}" if isinstance(value, float) else repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _keys(schema: type[BaseModel] | None) -> list[str]:
+    return [field.alias or name for name, field in schema.model_fields.items()] if schema is not None else []
+
+
+def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:
+    """The schema of the table at a location, followed through fields that are tables themselves."""
+    from pydantic import BaseModel
+
+    table: type[BaseModel] | None = schema
+    for part in location:
+        field = table.model_fields.get(str(part)) if table is not None else None
+        options = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
+        table = next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
+    return table

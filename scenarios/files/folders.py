@@ -1,0 +1,123 @@
+"""The study folder: made in a temporary folder beside it, then renamed into place file by file, the JSON last."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.writing import write_json
+from sim.errors import FlightidError
+
+MANIFEST = "files"
+
+
+@contextmanager
+def study_folder(path: str | Path, main: str) -> Iterator[Path]:
+    """A temporary folder to write a study into; on leaving, its files become those of ``path``.
+
+    ``path`` may be missing, empty, or hold an older run. ``main`` is the study's own JSON (``"comparison.json"``,
+    ``"diagnosis.json"``): it must be written, gets the list of all files under the key ``files``, and is renamed last, so
+    a folder with a new ``main`` is a complete one.
+
+    Files of ours are known by that list: what an older ``main`` lists, no other study in the folder lists and the new
+    one did not write is removed; every other file is left alone. If the body raises, nothing is left behind and
+    an older run stays whole.
+
+    Raises
+    ------
+    FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours should go.
+    """
+    target = Path(path).resolve()
+    if target.exists() and not target.is_dir():
+        raise FlightidError("this is a file, not a folder", where=str(path), remedy="name another folder")
+    made: list[Path] = []
+    scratch: Path | None = None
+    try:
+        try:
+            _make(target.parent, made)
+            scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+        except OSError as error:
+            raise _unwritable(path, error) from None
+        yield scratch
+        try:
+            _move_in(scratch, target, main, made)
+        except OSError as error:
+            raise _unwritable(path, error) from None
+    except BaseException:
+        if scratch is not None:
+            shutil.rmtree(scratch, ignore_errors=True)
+        for folder in reversed(made):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+        raise
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
+def listed_files(main: Path) -> frozenset[str]:
+    """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
+    try:
+        content: Any = json.loads(main.read_bytes())
+    except (OSError, ValueError):
+        return frozenset()
+    if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
+        return frozenset()
+    names = content.get(MANIFEST)
+    return frozenset(name for name in names if isinstance(name, str) and _is_plain(name)) if isinstance(names, list) else frozenset()
+
+
+def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
+    written = sorted(entry.name for entry in scratch.iterdir())
+    if main not in written:
+        raise ValueError(f"the study did not write {main}")
+    if not all((scratch / name).is_file() for name in written):
+        raise ValueError("a study folder holds files only")
+    for name in written:
+        if (target / name).is_dir():
+            raise FlightidError("a folder stands where a file has to go", where=str(target / name), remedy="move it away, or name another folder")
+    content = json.loads((scratch / main).read_bytes())
+    write_json(scratch / main, {**content, MANIFEST: written})
+    others = [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
+    kept = set(written).union(*(listed_files(entry) for entry in others))
+    stale = listed_files(target / main) - kept
+    _make(target, made)
+    for name in sorted(written, key=lambda name: (name == main, name.endswith(".json"), name)):
+        if name == main:
+            for old in sorted(stale):
+                if (target / old).is_file():
+                    (target / old).unlink()
+        _rename(scratch / name, target / name)
+
+
+def _rename(source: Path, target: Path) -> None:
+    try:
+        os.replace(source, target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        part = target.with_name(f".{target.name}.part")  # the folder is a mount point: what lies beside it is another disk
+        shutil.copyfile(source, part)
+        os.replace(part, target)
+
+
+def _make(folder: Path, made: list[Path]) -> None:
+    """Make a folder and its parents, and note those that were not there."""
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    for parent in reversed(missing):
+        parent.mkdir(exist_ok=True)
+        made.append(parent)
+
+
+def _is_plain(name: str) -> bool:
+    """True for a file's bare name: nothing outside the folder may be named by a file in it."""
+    return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
+
+
+def _unwritable(path: str | Path, error: OSError) -> FlightidError:
+    return FlightidError(f"cannot be written ({error.strerror})", where=str(path), remedy="name a folder that you may write in")

@@ -1,0 +1,180 @@
+"""A record from a user's CSV, Parquet or MAT file, in SI units, every fault told by file, row and column."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
+from scenarios.files.columns import Column, column_place, find_column, missing_column
+from scenarios.files.sidecar import read_sidecar
+from scenarios.files.tables import Numbers, Table, numbers, read_table
+from scenarios.files.units import to_si
+from sim.errors import RecordError
+from sim.record import Channel, Hold, Record
+
+
+def read_record(
+    path: str | Path,
+    model_inputs: Sequence[str] = (),
+    model_outputs: Sequence[str] = (),
+    channel_map: Mapping[str, ColumnChoice] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    optional: Sequence[str] = (),
+    hold: Hold | None = None,
+) -> Record:
+    """The channels of a model from a file of any of our formats.
+
+    Parameters
+    ----------
+    path : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``.
+    model_inputs : inputs; each must be there, without a gap.
+    model_outputs : outputs; those that are absent are left out, one must be there.
+    channel_map : channel -> column, where headers are not ours.
+    start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
+    optional : further channels, read as outputs where they are there.
+    hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
+
+    SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
+    for are never looked at. Row numbers in messages are the file's: the header of a CSV file is row 1, the
+    first sample of a Parquet or MAT file is row 1.
+
+    The window is one block of rows in the file's order. Each of its two ends is put where it contradicts the fewest
+    time stamps, so broken stamps outside do no harm, and one inside stays inside and is reported.
+
+    Raises
+    ------
+    RecordError : anything that keeps the file from being used as it stands.
+    """
+    path = Path(path)
+    table = read_table(path)
+    sidecar = read_sidecar(path)
+    wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
+    columns = {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in wanted}
+    for name in (TIME, *model_inputs):
+        if columns[name] is None:
+            raise missing_column(name, table.header, table.file)
+    outputs = [name for name in wanted[1 + len(model_inputs) :] if columns[name] is not None]
+    needed = [name for name in outputs if name in model_outputs] if model_outputs else outputs
+    if not needed and (model_outputs or optional):
+        raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
+    time, rows = _time(table, _there(columns[TIME]), start, stop)
+    return Record(
+        time,
+        tuple(_channel(table, _there(columns[name]), rows, is_input=True) for name in model_inputs),
+        tuple(_channel(table, _there(columns[name]), rows, is_input=False) for name in outputs),
+        sidecar.hold if hold is None else hold,
+        sidecar.name or path.name,
+    )
+
+
+def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
+    """The block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest contradicted stamps.
+
+    ``time`` has shape ``(N,)`` and may hold NaN, which has no say; at an end that was asked for, rows without a time are cut off.
+    """
+    first, last = 0, time.size
+    if start is not None:
+        first = _boundary(time < start, time >= start)
+        while first < last and not np.isfinite(time[first]):
+            first += 1
+    if stop is not None:
+        last = first + _boundary(time[first:] <= stop, time[first:] > stop)
+        while last > first and not np.isfinite(time[last - 1]):
+            last -= 1
+    return slice(first, last)
+
+
+def _boundary(before: np.ndarray, after: np.ndarray) -> int:
+    """First k with the fewest rows of ``after`` ahead of k and of ``before`` from k on."""
+    wrong_ahead = np.concatenate([[0], np.cumsum(after)])
+    wrong_behind = np.concatenate([np.cumsum(before[::-1])[::-1], [0]])
+    return int(np.argmin(wrong_ahead + wrong_behind))
+
+
+def _time(table: Table, column: Column, start: float | None, stop: float | None) -> tuple[np.ndarray, slice]:
+    """Checked time stamps of the window, s, and its rows."""
+    for option, bound in (("--from", start), ("--to", stop)):
+        if bound is not None and math.isnan(bound):
+            raise RecordError(f"{option} is not a number", where=table.file, remedy="give a time in s")
+    if start is not None and stop is not None and start >= stop:
+        raise RecordError(f"--from {start:g} is not before --to {stop:g}", where=table.file, remedy="give the earlier time first")
+    stamps = _sized(table, column)
+    time = np.asarray(to_si(stamps.values, column.unit, CHANNEL_UNITS[TIME], column_place(table.file, column)))
+    rows = rows_between(time, start, stop)
+    cut = time[rows]
+    finite = time[np.isfinite(time)]
+    if cut.size == 0:
+        span = f"the record covers {finite.min():g} to {finite.max():g} s" if finite.size else "no row of the record has a time"
+        raise RecordError("there is no row between --from and --to", where=table.file, remedy=span)
+    _check_cells(table, column, stamps, rows)
+    for position in np.flatnonzero(~np.isfinite(cut)):
+        where = _cell(table, column, rows.start + int(position))
+        raise RecordError("time is missing", where=where, remedy="give every row a time, or cut with --from and --to")
+    if cut.size == 1:
+        raise RecordError("one sample only", where=_cell(table, column, rows.start), remedy="a record needs at least two rows")
+    for position in np.flatnonzero(np.diff(cut) <= 0):
+        earlier, later = cut[position], cut[position + 1]
+        what = "time is repeated" if earlier == later else "time goes back"
+        where = _cell(table, column, rows.start + int(position) + 1)
+        raise RecordError(f"{what} ({earlier:.9g} s, then {later:.9g} s)", where=where, remedy="sort the rows and remove duplicates")
+    return cut, rows
+
+
+def _channel(table: Table, column: Column, rows: slice, *, is_input: bool) -> Channel:
+    content = _sized(table, column)
+    _check_cells(table, column, content, rows)
+    place = column_place(table.file, column)
+    values = content.values[rows]
+    gaps = np.flatnonzero(np.isnan(values))
+    if gaps.size == values.size:
+        span = f" from row {table.rows[rows.start]} to row {table.rows[rows.stop - 1]}"
+        raise RecordError(f"not a single number{span}", where=place, remedy="leave the column out, or read other rows with --from and --to")
+    if is_input and gaps.size:
+        where = _cell(table, column, rows.start + int(gaps[0]))
+        raise RecordError("an input sample is missing", where=where, remedy="fill the gap, or cut the record there with --from and --to")
+    if column.channel == STICK:
+        return Channel.of(column.channel, column.unit, values)
+    unit = CHANNEL_UNITS[column.channel]
+    return Channel.of(column.channel, unit, np.asarray(to_si(values, column.unit, unit, place)))
+
+
+def _sized(table: Table, column: Column) -> Numbers:
+    content = numbers(table.columns[column.index])
+    if content.values.size != table.rows.size:
+        what = f"{content.values.size} values for {table.rows.size} times"
+        raise RecordError(what, where=column_place(table.file, column), remedy="give each time one value")
+    return content
+
+
+def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) -> None:
+    """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
+    inside = range(rows.start, rows.stop)
+    for position in sorted(set(table.ragged) & set(inside))[:1]:
+        what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
+        raise RecordError(what, where=where, remedy="give each row one cell a column, empty where a sample is missing")
+    texts = [position for position in content.texts if position in inside]
+    infinite = [rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))]
+    if not texts and not infinite:
+        return
+    position = min(texts + infinite)
+    where = _cell(table, column, position)
+    if position in content.texts:
+        text = content.texts[position]
+        shown = repr(text if len(text) <= 40 else text[:37] + "...")
+        raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
+    remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
+    raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
+
+
+def _cell(table: Table, column: Column, position: int) -> str:
+    return f"{table.file}, row {table.rows[position]}, column {column.header!r}"
+
+
+def _there(column: Column | None) -> Column:
+    assert column is not None
+    return column

@@ -1,0 +1,103 @@
+"""The pydantic schemas of vehicle files; imported only when one is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic_core import PydanticCustomError
+
+from scenarios.files.units import to_si
+from sim.errors import DeclarationError
+
+STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
+
+
+def quantity_in(target: str) -> Callable[[object], float]:
+    """A validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
+
+    def convert(value: object) -> float:
+        if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023):
+            return float(value)
+        found = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+        if found is None:
+            shown = f"{value!r:.60}"
+            raise PydanticCustomError("quantity", "no quantity", {"what": f"{shown} is not a number with a unit", "remedy": _example(target)})
+        if not found[2]:
+            raise PydanticCustomError("quantity", "no unit", {"what": f"{value!r} has no unit", "remedy": _example(target)})
+        try:
+            return float(to_si(float(found[1]), found[2].strip(), target, "", DeclarationError))
+        except DeclarationError as fault:
+            raise PydanticCustomError("quantity", "unit", {"what": fault.what, "remedy": fault.remedy}) from None
+
+    return convert
+
+
+def _example(target: str) -> str:
+    return "write a plain number" if target == "1" else f'write a plain number in {target}, or a text such as "1.5 {target}"'
+
+
+def _number(target: str, gt: float | None = None, ge: float | None = None) -> Any:
+    return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
+
+
+def _required(kinds: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: (kind, ...) for name, kind in kinds.items()}
+
+
+def _table(title: str, **fields: Any) -> type[BaseModel]:
+    return create_model(title, __config__=STRICT, **fields)
+
+
+_NAME = (Annotated[str, Field(min_length=1)] | None, None)
+_PURE, _PER_ANGLE = _number("1"), _number("1/rad")
+_AIRFRAME = _required(
+    {
+        "mass": _number("kg", gt=0.0),
+        "wing_area": _number("m2", gt=0.0),
+        "chord": _number("m", gt=0.0),
+        "pitch_inertia": _number("kg m2", gt=0.0),
+        "airspeed": _number("m/s", gt=0.0),
+        "air_density": _number("kg/m3", gt=0.0),
+    }
+)
+_RIGID_STARTS = _table("RigidDerivatives", **_required({f"C{axis}_{by}": _PER_ANGLE for axis in "Lm" for by in ("alpha", "q", "de")}))
+_LOES_STARTS = _table(
+    "LoesDerivatives",
+    **_required({"L_alpha": _number("1/s"), "M_alpha": _number("1/s2"), "L_delta": _number("1/s"), "M_delta": _number("1/s2"), "L_q": _PURE}),
+    **_required({"M_q": _number("1/s"), "inv_tau": _number("1/s", gt=0.0), "delay": _number("s", ge=0.0)}),
+)
+_BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
+
+MODELS: Mapping[str, type[BaseModel]] = {
+    "rigid": _table("RigidVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...)),
+    "flexible": _table("FlexibleVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)),
+    "loes": _table(
+        "LoesVehicle",
+        name=_NAME,
+        **_required({"airspeed": _number("m/s", gt=0.0), "gravity": _number("m/s2", gt=0.0)}),
+        vane_arm=(_number("m") | None, None),
+        derivatives=(_LOES_STARTS, ...),
+    ),
+    "ballistic": _table(
+        "BallisticVehicle",
+        name=_NAME,
+        **_required(
+            {"air_density_reference": _number("kg/m3", gt=0.0), "density_scale_height": _number("m", gt=0.0), "gravity": _number("m/s2", gt=0.0)}
+        ),
+        derivatives=(_BALLISTIC_STARTS, ...),
+    ),
+}
+
+
+def mode_schema(number: int, count: int) -> type[BaseModel]:
+    """The table of elastic mode ``number`` of ``count``: its own starts are required, couplings to other modes are not."""
+    own = {"frequency": _number("rad/s", gt=0.0), "damping": _number("1", ge=0.0), "generalized_mass": _number("kg m2", gt=0.0)}
+    starts = [f"CL_eta{number}", f"CL_etadot{number}", f"Cm_eta{number}", f"Cm_etadot{number}"]
+    starts += [f"Ceta{number}_{by}" for by in ("alpha", "q", "de", f"eta{number}", f"etadot{number}")]
+    couplings = [f"Ceta{number}_{by}{other}" for other in range(1, count + 1) if other != number for by in ("eta", "etadot")]
+    optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
+    return _table(f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional)

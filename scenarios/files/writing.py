@@ -1,0 +1,102 @@
+"""Records and results as files: CSV that reads back bit for bit, and strict JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.channels import TIME
+from scenarios.files.sidecar import SCHEMA
+from sim.errors import FlightidError
+from sim.record import Record
+
+
+def write_record(folder: str | Path, record: Record, stem: str = "record") -> tuple[Path, Path]:
+    """Write ``stem.csv`` and ``stem.json`` and return their paths.
+
+    The CSV has plain names and SI units, each number in the shortest decimal form that reads back as the same
+    float, an empty cell where a sample is missing. The JSON has the name, the hold of the inputs and the units.
+    """
+    table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
+    columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([TIME, *(channel.name for channel in record.channels)])
+    writer.writerows(
+        ["" if math.isnan(value) else repr(value) for value in row] for row in zip(*(column.tolist() for column in columns), strict=True)
+    )
+    _put(table, text.getvalue())
+    units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
+    write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units})
+    return table, sidecar
+
+
+def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the same content.
+
+    NumPy numbers and arrays, tuples, enums and paths are written as what they hold.
+
+    Raises
+    ------
+    FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does not know; nothing is written.
+    """
+    _put(Path(path), json_text(content, str(path)) + "\n")
+
+
+def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
+    """The text that ``write_json`` writes; ``where`` names the file in errors."""
+    return _laid_out(_plain(content, where, ""), "")
+
+
+def _put(path: Path, text: str) -> None:
+    """Write a whole file or none: under another name beside it, then renamed."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes(text.encode("utf-8"))
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _plain(value: Any, where: str, key: str) -> Any:
+    """The value in JSON's own types; ``key`` is the path to it."""
+    place = f"{where}, key {key}" if key else where
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Enum):
+        value = value.value
+    if isinstance(value, Mapping):
+        for name in value:
+            if not isinstance(name, str):
+                raise FlightidError(f"the key {name!r} is not a text", where=place, remedy="use texts as keys")
+        return {name: _plain(inner, where, f"{key}.{name}" if key else name) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None:
+        raise FlightidError("there is no value", where=place, remedy="leave the key out")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise FlightidError(f"{value} is not a finite number", where=place, remedy="leave the key out, or report the failure in words")
+    if not isinstance(value, str | bool | int | float):
+        raise FlightidError(f"a {type(value).__name__} cannot be written as JSON", where=place, remedy="write numbers, texts, lists and tables")
+    return value
+
+
+def _laid_out(value: Any, indent: str) -> str:
+    inner = indent + "  "
+    if isinstance(value, dict) and value:
+        lines = [f"{inner}{json.dumps(key, ensure_ascii=False)}: {_laid_out(value[key], inner)}" for key in sorted(value)]
+        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+    if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
+        return "[\n" + ",\n".join(inner + _laid_out(item, inner) for item in value) + f"\n{indent}]"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
