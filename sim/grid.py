@@ -91,19 +91,35 @@ def drive_from_means(rows: list[np.ndarray], begin: list[np.ndarray], end: list[
     return Drive((rows, rows, rows), begin, end)
 
 
-def _through_cells(system: System, p: Any, rows: list[Any], time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
-    # One further sub-step after the last sample carries the feed-through there.
+def cell_edges(grid: Grid) -> np.ndarray:
+    """Boundaries of the cells that input-path effects act on, s: ``CELL`` or less, sub-steps met exactly.
+
+    One further sub-step after the last sample carries the feed-through there.
+    """
     steps = np.append(grid.steps, grid.steps[-1])
-    per_step = max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6))
-    start = np.append(grid.edges[:-1], grid.edges[-1])
-    edges = np.append((start[:, None] + steps[:, None] * np.arange(per_step) / per_step).ravel(), start[-1] + steps[-1])
+    per_step = _cells_per_step(grid)
+    return np.append((grid.edges[:, None] + steps[:, None] * np.arange(per_step) / per_step).ravel(), grid.edges[-1] + steps[-1])
+
+
+def drive_from_cells(system: System, p: Any, cells: list[Any], edges: np.ndarray, grid: Grid) -> Drive:
+    """Inputs at the vehicle for means ``(n_cells, ...)`` over the cells between ``edges = cell_edges(grid)``, through the input path."""
+    per_step = _cells_per_step(grid)
+    cells = system.input_path(p, cells, edges)
+    split = [np.asarray(c).reshape((len(grid.edges), per_step) + np.shape(c)[1:]) for c in cells]
+    means = [c[:-1].mean(axis=1) for c in split]
+    return Drive((means, means, means), [c[:, 0] for c in split], [c[:-1, -1] for c in split])
+
+
+def _cells_per_step(grid: Grid) -> int:
+    return max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6))
+
+
+def _through_cells(system: System, p: Any, rows: list[Any], time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
+    edges = cell_edges(grid)
     if hold is Hold.PREVIOUS:
-        source = np.repeat(np.append(grid.source, len(time) - 1), per_step)
+        source = np.repeat(np.append(grid.source, len(time) - 1), _cells_per_step(grid))
         cells = [row[source] for row in rows]
     else:
         at_edges = [np.interp(edges, time, row) for row in rows]
         cells = [0.5 * (a[:-1] + a[1:]) for a in at_edges]
-    cells = system.input_path(p, cells, edges)
-    split = [np.asarray(c).reshape((len(steps), per_step) + np.shape(c)[1:]) for c in cells]
-    means = [c[:-1].mean(axis=1) for c in split]
-    return Drive((means, means, means), [c[:, 0] for c in split], [c[:-1, -1] for c in split])
+    return drive_from_cells(system, p, cells, edges, grid)
