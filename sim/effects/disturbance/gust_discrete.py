@@ -1,0 +1,51 @@
+"""A single vertical gust of one-minus-cosine shape."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import clip, cos
+from sim.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class GustDiscrete:
+    """The aircraft crosses one gust w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)).
+
+    ``peak`` in m/s, positive upward; ``start`` and ``duration`` in s. Outside the gust w = 0. w/V adds to the
+    angle of attack in the loads and in the vane's reading, not to the state; V is the declared airspeed.
+    """
+
+    name: ClassVar[str] = "gust-discrete"
+    station: ClassVar[Station] = Station.DISTURBANCE
+    needs: ClassVar[tuple[str, ...]] = ("gust",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
+        Parameter("start", 2.0, "s"),
+        Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"peak": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = (
+        "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) between start and start + duration, the usual "
+        "design gust. The air then comes from below by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the angle of "
+        "attack as a state only follows. The vane jumps ahead of the pitch rate, which no control input can do. The length of the gust in the air "
+        "is V times its duration."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        phase = clip((s.time - p.start) / p.duration, 0.0, 1.0)
+        return {"gust": 0.5 * p.peak * (1.0 - cos(2.0 * math.pi * phase)) / vehicle.airspeed}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+
+VARIANTS: tuple[Effect, ...] = (GustDiscrete(),)

@@ -1,0 +1,66 @@
+"""A pure delay between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Station
+from sim.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class InputDelay:
+    """The vehicle feels an input ``delay`` seconds after the record shows it: u(t) -> u(t - delay).
+
+    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of
+    finite order: a filter takes it only with a delay that is held.
+    """
+
+    signal: str = "elevator"
+
+    name: ClassVar[str] = "input-delay"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ("actuator-lag",)
+    explanation: ClassVar[str] = (
+        "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
+        "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows "
+        "most where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
+    )
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the shifted input over each cell, exact for an input that is constant within cells.
+
+        A cell moved back by the delay starts in cell j and ends in cell k. Its mean is u[k] plus what the
+        cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge the
+        derivative is the one towards longer delays, as the bound at zero asks.
+        """
+        u, delay = np.asarray(u), np.asarray(p.delay)
+        depth = max(delay.ndim, u.ndim - 1)
+        u, edges = _trailing(u, depth), _trailing(np.asarray(edges, dtype=float), depth)
+        width, last = edges[1:] - edges[:-1], len(u) - 1
+        area = np.concatenate([np.zeros_like(u[:1]), np.cumsum(u * width, axis=0)])
+        begin = edges[:-1] - delay
+        cell = np.searchsorted(edges.ravel(), (edges - delay).real, side="left") - 1
+        j, k = np.clip(cell[:-1], -1, last), np.clip(cell[1:], -1, last)
+        first, final = np.maximum(j, 0), np.maximum(k, 0)
+        at_first, at_final = np.take_along_axis(u, first, 0), np.take_along_axis(u, final, 0)
+        between = np.take_along_axis(area, final, 0) - np.take_along_axis(area, j + 1, 0)
+        flat = edges.ravel()
+        excess = between - at_final * (flat[final] - flat[j + 1]) + (at_first - at_final) * (flat[j + 1] - begin)
+        return at_final + np.where(k > j, excess, 0.0) / width
+
+
+def _trailing(row: np.ndarray, depth: int) -> np.ndarray:
+    """The row with its batch axes at the end of ``depth`` axes."""
+    return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
+
+
+VARIANTS: tuple[Effect, ...] = (InputDelay("elevator"),)

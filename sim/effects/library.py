@@ -1,0 +1,86 @@
+"""The library of effects, found by file: a new effect is one new file in the folder of its station.
+
+Every module in a station's folder defines ``VARIANTS: tuple[Effect, ...]``, the instances that the library
+offers: one for each channel or input the effect may act on, with parameters at typical values.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import pkgutil
+from types import ModuleType
+
+from sim.effect import Effect, Station
+from sim.errors import ModelError
+from sim.model import Equations
+
+
+def effect_modules() -> tuple[ModuleType, ...]:
+    """The modules of all station folders, in the order of the signal chain, then by name."""
+    found: list[ModuleType] = []
+    for station in Station:
+        folder = f"sim.effects.{station.name.lower()}"
+        try:
+            package = importlib.import_module(folder)
+        except ModuleNotFoundError as error:
+            if error.name != folder:
+                raise
+            continue
+        names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+        found += [importlib.import_module(f"{folder}.{name}") for name in names]
+    return tuple(found)
+
+
+def library() -> tuple[Effect, ...]:
+    """Every instance that the library offers; a module without ``VARIANTS`` is a ModelError."""
+    effects: list[Effect] = []
+    for module in effect_modules():
+        variants = getattr(module, "VARIANTS", ())
+        if not variants:
+            raise ModelError("the module offers no effect", where=module.__name__, remedy="define VARIANTS, a tuple of effects, in it")
+        effects += variants
+    return tuple(effects)
+
+
+def effects_for(equations: Equations) -> tuple[Effect, ...]:
+    """The effects that can act on a vehicle: those whose input, channel and ports it has."""
+    return tuple(effect for effect in library() if applies(effect, equations))
+
+
+def applies(effect: Effect, equations: Equations) -> bool:
+    """Whether a vehicle has the input, the output and the ports that an effect acts on."""
+    inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
+    ports = {port.name for port in equations.ports}
+    signal, channel = getattr(effect, "signal", None), getattr(effect, "channel", None)
+    return (signal is None or signal in inputs) and (channel is None or channel in outputs) and ports.issuperset(getattr(effect, "needs", ()))
+
+
+def effect_names() -> tuple[str, ...]:
+    """Names of all effects, each once, in the order of the signal chain."""
+    return tuple(dict.fromkeys(effect.name for effect in library()))
+
+
+def find_effect(name: str, equations: Equations | None = None) -> Effect:
+    """The effect of that name, for one vehicle or for any.
+
+    A name without its part after the colon will do where only one instance is offered
+    (``"elastic-mode"`` for ``"elastic-mode:1"``).
+
+    Raises
+    ------
+    ModelError : no such effect (the nearest name is suggested), or several of that name.
+    """
+    effects = library() if equations is None else effects_for(equations)
+    exact = [effect for effect in effects if effect.name == name]
+    if exact:
+        return exact[0]
+    family = [effect for effect in effects if effect.name.partition(":")[0] == name]
+    if len(family) == 1:
+        return family[0]
+    where = "effects" if equations is None else f"effects on {equations.name}"
+    if family:
+        raise ModelError(f"there are several effects {name!r}", where=where, remedy=f"use one of {', '.join(effect.name for effect in family)}")
+    names = list(dict.fromkeys(effect.name for effect in effects))
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+    raise ModelError(f"there is no effect {name!r}", where=where, remedy=f"did you mean {near[0]!r}?" if near else f"use one of {', '.join(names)}")

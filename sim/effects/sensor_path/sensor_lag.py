@@ -1,0 +1,81 @@
+"""A first-order lag of one output channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import linear_recurrence, real, where
+from sim.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class SensorLag:
+    """The recorded channel y follows the true one v as y_dot = (v - y)/time_constant, settled at the start.
+
+    ``time_constant`` in s, not negative; at zero y = v. A lag, however short, lets no jump pass: where the
+    channel jumps at a sample (nz, when a held input switches) the reading there is that before the jump,
+    and the limit at zero differs by the jump. The state form is stiff for a lag much shorter than the step.
+    """
+
+    channel: str
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "The sensor or its filter follows the true value with a first-order lag: time_constant dy/dt = v - y. A steady value is read rightly, a "
+        "ramp late by one time constant, an oscillation late and too small, the more so the faster it is. Records that hold mainly frequencies well "
+        "below 1/time_constant cannot tell it from a pure delay of the same length; for the angle of attack a vane ahead of the centre of gravity "
+        "looks much the same."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-lag:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        late = (f"sensor-delay:{self.channel}",)
+        return (*late, "vane-offset") if self.channel == "alpha" else late
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]:
+        return (Signal(f"lagged_{self.channel}", f"unit of {self.channel}", f"{self.channel} as its sensor shows it"),)
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.
+
+        With E = exp(-h/T): y(h) = v1 - (v1 - v0) (T/h) (1 - E) + (y0 - v0) E.
+        """
+        begin, end, lag = np.asarray(begin), np.asarray(end), np.asarray(p.time_constant)
+        depth = max(lag.ndim, begin.ndim - 1)
+        begin, end, h = _trailing(begin, depth), _trailing(end, depth), _trailing(np.asarray(steps), depth)
+        # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+        acts = lag.real > 0
+        decay = np.where(acts, np.exp(-h / np.where(acts, lag, 1.0)), 0.0)
+        v0 = begin[:-1]
+        y = linear_recurrence(decay, end - (end - v0) * (lag / h * (1.0 - decay)) - v0 * decay, begin[0])
+        jumping = np.concatenate([y[:1], begin[1:] + (y[1:] - end)])
+        return np.where(acts, y, jumping), y[1:]
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        acts = real(p.time_constant) > 0
+        return (where(acts, (v - x[0]) / where(acts, p.time_constant, 1.0), 0.0 * x[0]),)
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return where(real(p.time_constant) > 0, x[0], v)
+
+
+def _trailing(row: np.ndarray, depth: int) -> np.ndarray:
+    """The row with its batch axes at the end of ``depth`` axes."""
+    return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
+
+
+VARIANTS: tuple[Effect, ...] = tuple(SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude"))
