@@ -1,0 +1,147 @@
+"""Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter.
+
+Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22 of
+NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the covariance moves
+with a fundamental matrix whose F is held over a step, the update is Joseph's. Missing samples are left
+out channel by channel; sampling may be uneven.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.keeping import HistoryKeeper
+from ident.setup import FilterProblem, filter_problem, with_free
+from ident.transition import Taylor, Transition, log_gaussian
+from sim.integrate import Step, rk4_step
+from sim.maths import complex_step_jacobian
+from sim.record import Record
+from sim.system import System
+
+SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How a filter integrates.
+
+    Attributes
+    ----------
+    step : integrator of the mean (``euler_step`` or ``rk4_step``).
+    transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``, ``Exponential()``).
+    max_step : longest sub-step, s; F is formed anew in each. The sampling interval when infinite.
+    passes : at most how often the record is run through; each pass starts from the parameters that the one
+        before found, with the declared prior covariance, so that F is formed nearer to the truth. It stops
+        when nothing moves by more than a hundredth of a sigma. 1 is the plain filter.
+    """
+
+    step: Step = rk4_step
+    transition: Transition = field(default_factory=lambda: Taylor(3))
+    max_step: float = math.inf
+    passes: int = 1
+
+
+def run_ekf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
+    """Estimate states and free parameters by an extended Kalman filter.
+
+    Parameters
+    ----------
+    record : measured data; outputs that the System does not know are ignored.
+    system : compiled with ``online=True``; initial state, priors and noise from its declaration.
+    settings : integration; RK4 mean and three Taylor terms when None.
+
+    Returns
+    -------
+    Estimate, its outcome ``DIVERGED`` or ``INDEFINITE`` when the filter broke down; values and covariance are then
+    those of the last sound sample.
+
+    Raises
+    ------
+    ModelError : no common output, an undeclared noise level or prior.
+    """
+    settings = settings or FilterSettings()
+    problem = filter_problem(record, system, settings.max_step)
+    estimate = filter_record(problem, settings)
+    n_x = len(system.states)
+    for done in range(1, settings.passes):
+        if estimate.outcome is not Outcome.CONVERGED:
+            break
+        start = np.concatenate([problem.start[:n_x], estimate.values])
+        again = filter_record(problem, settings, start)
+        moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
+        estimate = replace(again, iterations=done + 1)
+        if moved < SETTLED:
+            break
+    return estimate
+
+
+def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None) -> Estimate:
+    """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    grid, n_x, n = problem.grid, len(problem.system.states), len(problem.names)
+    ekf = ExtendedKalmanFilter(dim_x=n, dim_z=len(problem.variance))
+    ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
+    ekf.P = problem.covariance.copy()
+    stages = [[row.tolist() for row in stage] for stage in problem.drive.stages]
+    feed = [row[grid.sample].tolist() for row in problem.drive.begin]
+    times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
+    keeper = HistoryKeeper(problem)
+
+    for k in range(len(problem.time)):
+        Phi = np.eye(n)
+        if k:
+            for s in range(samples[k - 1], samples[k]):
+                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
+                Phi = _predict(ekf, problem, settings, times[s], u, steps[s], n_x) @ Phi
+        keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
+        rows = np.flatnonzero(problem.valid[:, k])
+        if rows.size and np.all(np.isfinite(ekf.x)):
+            _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, rows, n_x)
+            try:
+                log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)
+            except np.linalg.LinAlgError:
+                return keeper.estimate("ekf", Outcome.INDEFINITE)
+            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, log_likelihood, nis)
+        if not (np.all(np.isfinite(ekf.x)) and np.all(np.isfinite(ekf.P))):
+            return keeper.estimate("ekf", Outcome.DIVERGED)
+        if np.any(np.diag(ekf.P) < 0.0):
+            return keeper.estimate("ekf", Outcome.INDEFINITE)
+        keeper.filtered(k, ekf.x[:, 0], ekf.P)
+    return keeper.estimate("ekf", Outcome.CONVERGED)
+
+
+def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float, n_x: int) -> np.ndarray:
+    """Move mean and covariance over one sub-step; returns the fundamental matrix."""
+    system, p, free = problem.system, problem.p, problem.free
+    mean = ekf.x[:, 0].tolist()
+    F = np.zeros_like(ekf.P)
+    F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), mean)
+    Phi, noise = settings.transition(F, problem.density, dt)
+    try:
+        ekf.x[:n_x, 0] = settings.step(system.f, t, mean[:n_x], u, with_free(p, free, mean[n_x:]), dt)
+    except OverflowError:
+        ekf.x[:n_x, 0] = math.inf
+    ekf.P = Phi @ ekf.P @ Phi.T + noise
+    ekf.P = 0.5 * (ekf.P + ekf.P.T)
+    return Phi
+
+
+def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, rows: np.ndarray, n_x: int) -> None:
+    """filterpy's Joseph update with the channels that have a sample."""
+
+    def outputs(a: list[Any]) -> list[Any]:
+        return problem.system.h(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:]))
+
+    ekf.update(
+        problem.z[rows, k].reshape(-1, 1),
+        lambda x: complex_step_jacobian(outputs, x[:, 0].tolist())[rows],
+        lambda x: np.array(outputs(x[:, 0].tolist()))[rows].reshape(-1, 1),
+        R=np.diag(problem.variance[rows]),
+    )
+    ekf.P = 0.5 * (ekf.P + ekf.P.T)

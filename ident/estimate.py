@@ -1,0 +1,110 @@
+"""What an estimator returns: parameters with covariance, histories, likelihood, an outcome code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+
+class Outcome(Enum):
+    """How an estimation ended; the value is the sentence to print."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "stopped at the iteration limit before the estimate settled"
+    DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
+    INDEFINITE = "the covariance lost its positive definiteness"
+    NOT_IDENTIFIABLE = "the record does not determine all parameters"
+
+    @property
+    def code(self) -> str:
+        """Short name for files, e.g. ``"converged"``, ``"not-identifiable"``."""
+        return self.name.lower().replace("_", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class FilterHistory:
+    """What a filter did, sample by sample (N samples, n states and free parameters, m outputs).
+
+    Attributes
+    ----------
+    time : ``(N,)`` s.
+    names : the ``n`` states, then free parameters.
+    mean, std : after each update, ``(n, N)``.
+    innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``; zero and
+        one where the sample is missing.
+    valid : ``(m, N)`` samples used.
+    log_likelihood : ``(N,)`` of each sample given its past.
+    nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
+    predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for smoothers;
+        ``transition[k]`` leads from sample ``k - 1`` to ``k``.
+    """
+
+    time: np.ndarray
+    names: tuple[str, ...]
+    mean: np.ndarray
+    std: np.ndarray
+    innovation: np.ndarray
+    innovation_std: np.ndarray
+    valid: np.ndarray
+    log_likelihood: np.ndarray
+    nis: np.ndarray
+    degrees: np.ndarray
+    predicted_mean: np.ndarray
+    predicted_covariance: np.ndarray
+    covariance: np.ndarray
+    transition: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters estimated from one or several records.
+
+    Attributes
+    ----------
+    method : ``"ekf"``, ``"output-error"``, ...
+    names, units : of the free parameters, length ``n``.
+    values, covariance : ``(n,)`` and ``(n, n)``; finite whatever the outcome.
+    outcome : how the estimation ended.
+    log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record fit.
+    output_names, noise_std : outputs used and the measurement noise assumed or estimated.
+    fitted : estimator's output at the samples of each record, ``(m, N)`` each.
+    history : of a filter; None for whole-record methods.
+    iterations : passes over the data.
+    """
+
+    method: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    outcome: Outcome
+    log_likelihood: float
+    output_names: tuple[str, ...]
+    noise_std: np.ndarray
+    fitted: tuple[np.ndarray, ...]
+    history: FilterHistory | None = None
+    iterations: int = 1
+    message: str = ""
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations, ``(n,)``."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix, ``(n, n)``."""
+        std = self.std
+        return self.covariance / np.outer(std, std)
+
+    def value(self, name: str) -> float:
+        return float(self.values[self.names.index(name)])
+
+    def sigma(self, name: str) -> float:
+        return float(self.std[self.names.index(name)])
+
+    def as_dict(self) -> dict[str, float]:
+        """Values by name, for ``Model.with_values``."""
+        return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}

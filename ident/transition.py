@@ -1,0 +1,72 @@
+"""Fundamental matrix and discrete process noise over one step, from F and a spectral density.
+
+Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13,
+Q_k = integral over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Transition(Protocol):
+    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to ``Phi``, ``Q_k``."""
+
+    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+@dataclass(frozen=True)
+class Taylor:
+    """Series with ``terms`` terms: 2 gives I + F T, 3 adds F^2 T^2 / 2, and so on."""
+
+    terms: int = 2
+
+    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        powers = [np.broadcast_to(np.eye(F.shape[-1]), F.shape)]
+        for k in range(1, self.terms):
+            powers.append(powers[-1] @ F / k)
+        Phi = sum(power * dt**k for k, power in enumerate(powers))
+        noise = np.zeros_like(F)
+        if np.any(density):
+            Q = np.diag(density)
+            for i, left in enumerate(powers):
+                for j, right in enumerate(powers):
+                    noise = noise + left @ Q @ np.swapaxes(right, -1, -2) * (dt ** (i + j + 1) / (i + j + 1))
+        return np.asarray(Phi), noise
+
+
+@dataclass(frozen=True)
+class Exponential:
+    """Matrix exponential; the noise integral by Van Loan's block exponential (IEEE TAC 23(3), 1978)."""
+
+    def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        from scipy.linalg import expm
+
+        n = F.shape[-1]
+        if not np.any(density):
+            return expm(F * dt), np.zeros_like(F)
+        block = np.zeros((*F.shape[:-2], 2 * n, 2 * n))
+        block[..., :n, :n] = -F
+        block[..., :n, n:] = np.diag(density)
+        block[..., n:, n:] = np.swapaxes(F, -1, -2)
+        both = expm(block * dt)
+        Phi = np.swapaxes(both[..., n:, n:], -1, -2)
+        noise = Phi @ both[..., :n, n:]
+        return Phi, 0.5 * (noise + np.swapaxes(noise, -1, -2))
+
+
+def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
+    """Log density of an innovation ``y (m,)`` with covariance ``S (m, m)``, and its normalised square.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : ``S`` is not positive definite.
+    """
+    root = np.linalg.cholesky(S)
+    white = np.linalg.solve(root, y)
+    squared = float(white @ white)
+    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - float(np.log(np.diag(root)).sum()), squared
