@@ -76,14 +76,16 @@ def drive_from_record(system: System, p: Any, u: np.ndarray, time: np.ndarray, h
     Without input-path effects held inputs pass unchanged and linear ones are exact at the stages.
     """
     rows = list(u)
-    if system.input_stages:
-        return _through_cells(system, p, rows, time, hold, grid)
     if hold is Hold.PREVIOUS:
+        if system.input_stages:
+            source = np.repeat(np.append(grid.source, len(time) - 1), _cells_per_step(grid))
+            return drive_from_cells(system, p, [row[source] for row in rows], cell_edges(grid), grid)
         held = [row[grid.source] for row in rows]
         return Drive((held, held, held), [np.append(h, row[-1]) for h, row in zip(held, rows, strict=True)], held)
     begin = [np.interp(grid.edges, time, row) for row in rows]
     middle = [0.5 * (b[:-1] + b[1:]) for b in begin]
-    return Drive(([b[:-1] for b in begin], middle, [b[1:] for b in begin]), begin, [b[1:] for b in begin])
+    linear = Drive(([b[:-1] for b in begin], middle, [b[1:] for b in begin]), begin, [b[1:] for b in begin])
+    return _changed_by_input_path(linear, system, p, rows, time, grid) if system.input_stages else linear
 
 
 def drive_from_means(rows: list[np.ndarray], begin: list[np.ndarray], end: list[np.ndarray]) -> Drive:
@@ -103,23 +105,34 @@ def cell_edges(grid: Grid) -> np.ndarray:
 
 def drive_from_cells(system: System, p: Any, cells: list[Any], edges: np.ndarray, grid: Grid) -> Drive:
     """Inputs at the vehicle for means ``(n_cells, ...)`` over the cells between ``edges = cell_edges(grid)``, through the input path."""
-    per_step = _cells_per_step(grid)
-    cells = system.input_path(p, cells, edges)
-    split = [np.asarray(c).reshape((len(grid.edges), per_step) + np.shape(c)[1:]) for c in cells]
-    means = [c[:-1].mean(axis=1) for c in split]
-    return Drive((means, means, means), [c[:, 0] for c in split], [c[:-1, -1] for c in split])
+    split = [_by_step(row, grid) for row in system.input_path(p, cells, edges)]
+    means = [_mean(row[:-1]) for row in split]
+    return Drive((means, means, means), [row[:, 0] for row in split], [row[:-1, -1] for row in split])
 
 
 def _cells_per_step(grid: Grid) -> int:
     return max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6))
 
 
-def _through_cells(system: System, p: Any, rows: list[Any], time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
+def _by_step(row: Any, grid: Grid) -> np.ndarray:
+    row = np.asarray(row)
+    return row.reshape((len(grid.edges), -1) + row.shape[1:])
+
+
+def _mean(split: np.ndarray) -> np.ndarray:
+    # Equal cells give their value and no rounding: an effect that is absent then changes nothing.
+    return split[:, 0] + (split - split[:, :1]).mean(axis=1)
+
+
+def _changed_by_input_path(linear: Drive, system: System, p: Any, rows: list[Any], time: np.ndarray, grid: Grid) -> Drive:
+    # Cells carry means only. What the input path changes is added to the straight input, exact at the stages.
     edges = cell_edges(grid)
-    if hold is Hold.PREVIOUS:
-        source = np.repeat(np.append(grid.source, len(time) - 1), _cells_per_step(grid))
-        cells = [row[source] for row in rows]
-    else:
-        at_edges = [np.interp(edges, time, row) for row in rows]
-        cells = [0.5 * (a[:-1] + a[1:]) for a in at_edges]
-    return drive_from_cells(system, p, cells, edges, grid)
+    cells = [0.5 * (a[:-1] + a[1:]) for a in (np.interp(edges, time, row) for row in rows)]
+    change = [_by_step(acted - cell, grid) for acted, cell in zip(system.input_path(p, cells, edges), cells, strict=True)]
+    means, first, last = [_mean(c[:-1]) for c in change], [c[:, 0] for c in change], [c[:-1, -1] for c in change]
+    start, middle, end = (_sum(stage, means) for stage in linear.stages)
+    return Drive((start, middle, end), _sum(linear.begin, first), _sum(linear.end, last))
+
+
+def _sum(rows: list[Any], added: list[np.ndarray]) -> list[Any]:
+    return [row.reshape(row.shape + (1,) * (more.ndim - row.ndim)) + more for row, more in zip(rows, added, strict=True)]
