@@ -107,7 +107,11 @@ def _one_pass(problem, settings, p, drive, z, x, n_x, m, N, keep):  # type: igno
     start = x.copy()
     P = np.array(np.broadcast_to(problem.covariance, (runs, n, n)))
     log_likelihood, nis = np.zeros(runs), np.zeros((N, runs))
-    kept = {key: np.zeros((rows, N, runs)) for key, rows in (("innovation", m), ("innovation_std", m), ("history", n), ("history_std", n))} if keep else {}
+    kept = (
+        {key: np.zeros((rows, N, runs)) for key, rows in (("innovation", m), ("innovation_std", m), ("history", n), ("history_std", n))}
+        if keep
+        else {}
+    )
     diagonal = np.arange(n)
     with np.errstate(all="ignore"):
         for k in range(N):
@@ -147,7 +151,12 @@ def _one_pass(problem, settings, p, drive, z, x, n_x, m, N, keep):  # type: igno
             P = 0.5 * (P + np.swapaxes(P, 1, 2))
             if keep:
                 kept["history"][:, k], kept["history_std"][:, k] = x, np.sqrt(np.maximum(P[:, diagonal, diagonal].T, 0.0))
-    sound = np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(P), axis=(1, 2)) & np.isfinite(log_likelihood) & np.all(P[:, diagonal, diagonal] >= 0, axis=1)
+    sound = (
+        np.all(np.isfinite(x), axis=0)
+        & np.all(np.isfinite(P), axis=(1, 2))
+        & np.isfinite(log_likelihood)
+        & np.all(P[:, diagonal, diagonal] >= 0, axis=1)
+    )
     x, P = np.where(sound, x, start), np.where(sound[:, None, None], P, problem.covariance)
     return BankEstimate(problem.names, x, P, np.where(sound, log_likelihood, -np.inf), np.where(sound, nis, 0.0), sound, **kept)
 

@@ -1,0 +1,62 @@
+"""Parameter covariance corrected for residuals that are not white.
+
+Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J. Guidance,
+Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the gradient is formed with the
+estimated autocorrelation of the residuals instead of that of white noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
+    """Biased autocovariance of a series ``(N,)`` at lags 0 to ``lags``, its mean not removed."""
+    n = len(residual)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
+    return np.fft.irfft(spectrum, size)[: lags + 1] / n
+
+
+def corrected_covariance(
+    inverse: np.ndarray, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], variance: np.ndarray
+) -> np.ndarray:
+    """Sandwich covariance of a whole-record fit.
+
+    Parameters
+    ----------
+    inverse : ``(n, n)`` inverse information matrix under white noise.
+    parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``, residuals and validity
+        ``(m, N)``; missing samples count as zero.
+    variance : ``(m,)`` noise variance of each output.
+
+    Returns
+    -------
+    ``(n, n)``; each diagonal entry is at least that of white noise of the same variance, so that a lucky record
+    does not shrink a sigma.
+    """
+    middle = np.zeros_like(inverse)
+    for at, jacobian, residual, valid in parts:
+        for i in range(len(residual)):
+            if not np.any(valid[i]):
+                continue
+            lags = min(max(10, residual.shape[1] // 5), residual.shape[1] - 1)
+            covariance = autocovariance(residual[i], lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
+            sensitivity = np.where(valid[i][:, None], jacobian[i], 0.0) / variance[i]
+            middle[np.ix_(at, at)] += _filtered_product(sensitivity, covariance)
+    corrected = inverse @ middle @ inverse
+    ratio = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(corrected), 1e-300), 1.0))
+    return corrected * np.outer(ratio, ratio)
+
+
+def _filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance, by FFT."""
+    n, lags = len(sensitivity), len(covariance) - 1
+    size = 1 << int(np.ceil(np.log2(n + 2 * lags + 1)))
+    kernel = np.zeros(size)
+    kernel[: lags + 1] = covariance
+    kernel[size - lags :] = covariance[:0:-1]
+    smooth = np.fft.irfft(np.fft.rfft(sensitivity, size, axis=0) * np.fft.rfft(kernel)[:, None], size, axis=0)[:n]
+    return sensitivity.T @ smooth
