@@ -103,8 +103,9 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     state_names = tuple(signal.name for signal in state_signals)
     input_names = tuple(signal.name for signal in equations.inputs)
     zero_ports = {port.name: 0.0 for port in equations.ports}
-    disturbances = [effect for effect in dynamics if effect.station is Station.DISTURBANCE]
-    others = [effect for effect in dynamics if effect.station is not Station.DISTURBANCE]
+    disturbances = [(effect, own[effect.name]) for effect in dynamics if effect.station is Station.DISTURBANCE]
+    others = [(effect, own[effect.name]) for effect in dynamics if effect.station is not Station.DISTURBANCE]
+    with_states = [(effect, own[effect.name]) for effect in dynamics if effect.states]
     n_base = len(equations.states)
     base_outputs = tuple(signal.name for signal in equations.outputs)
     bias_index = {name: model.parameters.index(f"bias_{name}") for name in model.biases}
@@ -117,12 +118,12 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         vehicle = vehicle_of(p)
         for effect in moved_in:
             bus[effect.signal] = effect.pass_on(bus[effect.signal], x[online_slices[effect.name]], own[effect.name](p))
-        for effect in disturbances:
-            for port, value in effect.increments(s, vehicle, own[effect.name](p)).items():
+        for effect, gather in disturbances:
+            for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
         bus.update(equations.flow(s, vehicle))
-        for effect in others:
-            for port, value in effect.increments(s, vehicle, own[effect.name](p)).items():
+        for effect, gather in others:
+            for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
         return s, vehicle
 
@@ -135,9 +136,8 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         rates = list(equations.derivatives(s, vehicle))
-        for effect in dynamics:
-            if effect.states:
-                rates += effect.derivatives(s, vehicle, own[effect.name](p))
+        for effect, gather in with_states:
+            rates += effect.derivatives(s, vehicle, gather(p))
         if moved_in:
             bus = dict(zip(input_names, u, strict=True))
             for effect in moved_in:
@@ -245,8 +245,12 @@ def _gather(model: Model, effect: Effect) -> Callable[[Rows], Any]:
     return _gather_named(model.parameters, full, "effect_parameters", names)
 
 
+def _view(label: str, fields: Sequence[str]) -> Any:
+    return namedtuple(label, fields)
+
+
 def _gather_named(parameters: ParameterSet, names: Sequence[str], label: str, fields: Sequence[str] | None = None) -> Callable[[Rows], Any]:
-    view = namedtuple(label, fields or names)  # type: ignore[misc]
+    view = _view(label, fields or names)
     index = [parameters.index(name) for name in names]
     if len(index) == 0:
         empty = view()
