@@ -1,0 +1,225 @@
+"""Smooth maneuvers that spread their energy over a band: frequency sweep and orthogonal multisines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from sim.errors import ModelError
+from sim.maneuvers import SWITCH_TOLERANCE
+from sim.record import Hold
+
+_GAUSS_POINTS = 8
+
+
+class Spacing(Enum):
+    """How a sweep passes through its frequencies."""
+
+    LINEAR = "equal time for equal frequency differences"
+    LOGARITHMIC = "equal time for equal frequency ratios"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sinusoid whose frequency runs through a band, with cosine tapers at both ends.
+
+    u = amplitude w(t) sin(phi(t)), phi(start) = 0; phi' runs from ``low`` to ``high``; w rises as
+    (1 - cos)/2 over ``taper`` s and falls likewise. Zero outside ``[start, start + duration]``.
+
+    Attributes
+    ----------
+    amplitude : in the input's unit.
+    low, high : rad/s, ``0 < low``; ``high`` may lie below ``low``.
+    duration, start, taper : s; two tapers fit into the duration.
+    """
+
+    amplitude: float
+    low: float
+    high: float
+    duration: float
+    start: float = 0.0
+    taper: float = 0.0
+    spacing: Spacing = Spacing.LINEAR
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (self.amplitude, self.low, self.high, self.duration, self.start, self.taper)):
+            raise _bad("sweep", "a number is not finite", "give finite numbers")
+        if not (self.low > 0 and self.high > 0):
+            raise _bad("sweep", f"band {self.low:g} to {self.high:g} rad/s", "give positive frequencies")
+        if not self.duration > 0:
+            raise _bad("sweep", f"duration {self.duration:g} s", "give a positive duration")
+        if not 0 <= self.taper <= 0.5 * self.duration:
+            raise _bad("sweep", f"taper {self.taper:g} s", "give a taper between zero and half the duration")
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        end = self.start + self.duration
+        inner = (self.start + self.taper, end - self.taper) if self.taper > 0 else ()
+        return tuple(sorted({self.start, *inner, end}))
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.LINEAR
+
+    def __call__(self, t: Any) -> np.ndarray:
+        s = np.asarray(t, dtype=float) - self.start
+        return np.where((s >= -SWITCH_TOLERANCE) & (s < self.duration - SWITCH_TOLERANCE), self._inside(s), 0.0)
+
+    def before(self, t: Any) -> np.ndarray:
+        s = np.asarray(t, dtype=float) - self.start
+        return np.where((s > SWITCH_TOLERANCE) & (s <= self.duration + SWITCH_TOLERANCE), self._inside(s), 0.0)
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        """Mean over each interval by Gauss-Legendre panels short against the period: exact to rounding."""
+        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        panel = 0.5 / max(self.low, self.high)
+        nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+        out = np.empty(begin.shape)
+        inner = np.asarray(self.breakpoints)
+        for index in np.ndindex(begin.shape):
+            a, b = begin[index], end[index]
+            cuts = np.concatenate([[a], inner[(inner > a) & (inner < b)], [b]])
+            counts = np.maximum(1, np.ceil(np.diff(cuts) / panel)).astype(int)
+            edges = np.append(np.concatenate([np.linspace(c, d, n, endpoint=False) for c, d, n in zip(cuts[:-1], cuts[1:], counts, strict=True)]), b)
+            half = 0.5 * np.diff(edges)
+            at = (edges[:-1] + half)[:, None] + half[:, None] * nodes
+            out[index] = np.sum(self(at) * weights * half[:, None]) / (b - a)
+        return out
+
+    def _inside(self, s: np.ndarray) -> np.ndarray:
+        s = np.clip(s, 0.0, self.duration)
+        ratio = self.high / self.low
+        if self.spacing is Spacing.LINEAR:
+            phase = s * (self.low + 0.5 * (self.high - self.low) * s / self.duration)
+        elif ratio == 1.0:
+            phase = self.low * s
+        else:
+            rate = math.log(ratio) / self.duration
+            phase = self.low * np.expm1(rate * s) / rate
+        window = np.ones_like(s)
+        if self.taper > 0:
+            edge = np.minimum(np.minimum(s, self.duration - s) / self.taper, 1.0)
+            window = 0.5 * (1.0 - np.cos(np.pi * edge))
+        return self.amplitude * window * np.sin(phase)
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """A sum of harmonics of one period, repeated a whole number of times.
+
+    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on
+    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
+    """
+
+    period: float
+    harmonics: tuple[int, ...]
+    amplitudes: tuple[float, ...]
+    phases: tuple[float, ...]
+    start: float = 0.0
+    cycles: int = 1
+
+    def __post_init__(self) -> None:
+        if not (self.period > 0 and math.isfinite(self.period)):
+            raise _bad("multisine", f"period {self.period:g} s", "give a positive period")
+        if not self.harmonics or len({len(self.harmonics), len(self.amplitudes), len(self.phases)}) != 1:
+            raise _bad("multisine", "harmonics, amplitudes and phases differ in number, or there are none", "give each harmonic one of both")
+        if any(harmonic < 1 or harmonic != int(harmonic) for harmonic in self.harmonics) or len(set(self.harmonics)) != len(self.harmonics):
+            raise _bad("multisine", f"harmonics {list(self.harmonics)}", "give different whole numbers from 1 on")
+        if not all(math.isfinite(v) for v in (*self.amplitudes, *self.phases, self.start)):
+            raise _bad("multisine", "a number is not finite", "give finite numbers")
+        if self.cycles < 1 or self.cycles != int(self.cycles):
+            raise _bad("multisine", f"{self.cycles} cycles", "give a whole number of cycles, at least one")
+
+    @property
+    def end(self) -> float:
+        """Time at which it is over, s."""
+        return self.start + self.cycles * self.period
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return (self.start, self.end)
+
+    @property
+    def hold(self) -> Hold:
+        return Hold.LINEAR
+
+    def __call__(self, t: Any) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.where((t >= self.start - SWITCH_TOLERANCE) & (t < self.end - SWITCH_TOLERANCE), self._inside(t), 0.0)
+
+    def before(self, t: Any) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.where((t > self.start + SWITCH_TOLERANCE) & (t <= self.end + SWITCH_TOLERANCE), self._inside(t), 0.0)
+
+    def mean(self, begin: Any, end: Any) -> np.ndarray:
+        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of half its phase advance."""
+        begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
+        a, b = np.clip(begin, self.start, self.end), np.clip(end, self.start, self.end)
+        middle, width = 0.5 * (a + b), b - a
+        total = np.zeros(begin.shape)
+        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
+            omega = 2.0 * math.pi * harmonic / self.period
+            total += amplitude * np.cos(omega * (middle - self.start) + phase) * np.sinc(omega * width / (2.0 * math.pi))
+        return total * width / (end - begin)
+
+    def _inside(self, t: np.ndarray) -> np.ndarray:
+        total = np.zeros(t.shape)
+        for harmonic, amplitude, phase in zip(self.harmonics, self.amplitudes, self.phases, strict=True):
+            total += amplitude * np.cos(2.0 * math.pi * harmonic * (t - self.start) / self.period + phase)
+        return total
+
+
+def schroeder_multisine(rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1) -> Multisine:
+    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins and ends at zero.
+
+    phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory 16(1), 1970).
+    ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
+    """
+    count = len(harmonics)
+    if not (math.isfinite(rms) and count):
+        raise _bad("multisine", f"rms {rms} over {count} harmonic(s)", "give a finite rms and at least one harmonic")
+    phases = [-math.pi * i * (i - 1) / count for i in range(1, count + 1)]
+    amplitude = rms * math.sqrt(2.0 / count)
+    plain = Multisine(period, tuple(harmonics), (amplitude,) * count, tuple(phases), 0.0)
+    shift = _first_zero(plain)
+    turned = tuple(phase + 2.0 * math.pi * harmonic * shift / period for harmonic, phase in zip(harmonics, phases, strict=True))
+    return Multisine(period, tuple(harmonics), (amplitude,) * count, turned, start, cycles)
+
+
+def orthogonal_multisines(
+    rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0, cycles: int = 1
+) -> tuple[Multisine, ...]:
+    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually orthogonal over a period.
+
+    Raises ModelError when an input would be left without a harmonic.
+    """
+    if highest - lowest + 1 < len(rms):
+        raise _bad("multisine", f"harmonics {lowest} to {highest} for {len(rms)} inputs", "give at least one harmonic an input")
+    dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
+    return tuple(schroeder_multisine(level, period, list(own), start, cycles) for level, own in zip(rms, dealt, strict=True))
+
+
+def _first_zero(multisine: Multisine) -> float:
+    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so there is one."""
+    t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
+    u = multisine._inside(t)
+    if not np.any(u):
+        return 0.0
+    at = int(np.argmax((u[:-1] <= 0) & (u[1:] > 0)))
+    low, high = float(t[at]), float(t[at + 1])
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        if multisine._inside(np.asarray(middle)) <= 0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _bad(where: str, what: str, remedy: str) -> ModelError:
+    return ModelError(what, where=where, remedy=remedy)
