@@ -1,0 +1,161 @@
+"""From a vehicle's numbers to its Model; one way for built-in sets and for a user's file."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.errors import DeclarationError
+from sim.model import Equations, Model, Noise
+from sim.parameters import Parameter, ParameterSet
+from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.data import Number, Origin, VehicleData
+from sim.vehicles.short_period import ShortPeriod
+
+RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
+RIGID_DERIVATIVES = dict.fromkeys(("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"), "1/rad")
+BALLISTIC_CONSTANTS = {"air_density_reference": "kg/m3", "density_scale_height": "m", "gravity": "m/s2"}
+BALLISTIC_DERIVATIVES = {"beta": "kg/m2"}
+MODE_CONSTANTS = {"omega": "rad/s", "zeta": "1", "generalized_mass": "kg m2"}
+MODE_DERIVATIVES = {
+    **dict.fromkeys(("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot"), "1"),
+    **dict.fromkeys(("Ceta_alpha", "Ceta_q", "Ceta_de"), "1/rad"),
+}
+_NOT_ABOVE_ZERO = {"zeta"}
+
+
+def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
+    """The rigid short period with a set's numbers: constants held, the six derivatives free, at rest.
+
+    Raises DeclarationError for a number that is missing, of another unit, or a constant that is not positive.
+    """
+    return _model(data, ShortPeriod(), RIGID_CONSTANTS, RIGID_DERIVATIVES, noise)
+
+
+def flexible_model(data: VehicleData, modes: int | None = None, noise: Noise | None = None) -> Model:
+    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one ElasticMode effect each.
+
+    Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of each mode the nine
+    ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own ``Ceta_eta Ceta_etadot``. Couplings between
+    modes are held. A common factor of a mode's coordinate cannot be found from data: hold one of its ``Ceta`` or use priors.
+
+    Raises DeclarationError as ``rigid_model``, and for more modes than the set has. A coupling that is missing is zero.
+    """
+    wanted = data.modes if modes is None else modes
+    if not 0 <= wanted <= data.modes:
+        raise DeclarationError(f"{wanted} elastic modes asked for", where=f"vehicle {data.name}", remedy=f"it has {data.modes}")
+    numbers = tuple(range(1, wanted + 1))
+    model = rigid_model(data, noise).with_effects(*(ElasticMode(number, numbers) for number in numbers))
+    found = {name: _checked(data, name, unit) for name, unit, needed in mode_units(wanted) if needed or name in data}
+    couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
+    model = model.with_values({**couplings, **{name: number.value for name, number in found.items()}})
+    free = [*RIGID_DERIVATIVES]
+    for i in numbers:
+        free += [mode_parameter(local, i) for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")]
+    items = (_sourced(item, found) for item in model.parameters.only_free(free))
+    return model.with_parameters(ParameterSet(tuple(items)))
+
+
+def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
+    """The falling body with a set's numbers: constants held, beta free, starting at the set's altitude and velocity.
+
+    Raises DeclarationError as ``rigid_model``.
+    """
+    return _model(data, Ballistic(), BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, noise)
+
+
+def vehicle_from_values(
+    name: str, equations: str, values: Mapping[str, float], *, initial: Mapping[str, float] | None = None, modes: int = 0, title: str = ""
+) -> VehicleData:
+    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is ``"rigid"`` or ``"ballistic"``.
+
+    Raises DeclarationError for a name that the equations and modes do not know.
+    """
+    if equations == Ballistic().name:
+        units, states = {**BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES}, Ballistic().states
+    elif equations == ShortPeriod().name:
+        units, states = {**RIGID_CONSTANTS, **RIGID_DERIVATIVES}, ShortPeriod().states
+        units.update({full: unit for full, unit, _ in mode_units(modes)})
+    else:
+        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use {ShortPeriod().name} or {Ballistic().name}")
+    state_units = {signal.name: signal.unit for signal in states}
+    numbers = tuple(_users(name, key, value, units) for key, value in values.items())
+    start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
+    return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)
+
+
+def model_from_constants(
+    equations: str, constants: Mapping[str, float], derivatives: Mapping[str, float], *, modes: int = 0, initial: Mapping[str, float] | None = None
+) -> Model:
+    """A Model straight from numbers in SI: ``vehicle_from_values``, then the factory of those equations; ``modes`` counts elastic modes."""
+    data = vehicle_from_values("vehicle", equations, {**constants, **derivatives}, initial=initial, modes=modes)
+    return model_of(data)
+
+
+def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
+    """The most complete model that a set describes: all its elastic modes where it has some."""
+    if data.equations == Ballistic().name:
+        return ballistic_model(data, noise)
+    return flexible_model(data, None, noise)
+
+
+def mode_parameter(local: str, number: int) -> str:
+    """Full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q`` is ``Ceta2_q``."""
+    return ElasticMode(number, (number,)).rename(local)
+
+
+def mode_units(modes: int) -> tuple[tuple[str, str, bool], ...]:
+    """Full name, unit and whether it must be given, of every parameter of ``modes`` elastic modes; couplings may be left out."""
+    out: list[tuple[str, str, bool]] = []
+    for i in range(1, modes + 1):
+        out += [(mode_parameter(local, i), unit, True) for local, unit in {**MODE_CONSTANTS, **MODE_DERIVATIVES}.items()]
+        for j in range(1, modes + 1):
+            out += [(f"Ceta{i}_eta{j}", "1", False), (f"Ceta{i}_etadot{j}", "1", False)]
+    return tuple(out)
+
+
+def _model(data: VehicleData, equations: Equations, constants: Mapping[str, str], derivatives: Mapping[str, str], noise: Noise | None) -> Model:
+    if data.equations != equations.name:
+        raise DeclarationError(f"its equations are {data.equations}", where=f"vehicle {data.name}", remedy=f"use a vehicle for {equations.name}")
+    units = {**constants, **derivatives}
+    items = [(_checked(data, name, units[name]), name in derivatives) for name in equations.parameter_names]
+    parameters = ParameterSet(tuple(Parameter(n.name, n.value, n.unit, free=free, source=n.source) for n, free in items))
+    start = {number.name: number for number in data.initial}
+    for name in start:
+        if name not in {signal.name for signal in equations.states}:
+            known = ", ".join(signal.name for signal in equations.states)
+            raise DeclarationError(f"there is no state {name}", where=f"vehicle {data.name}, initial", remedy=f"use {known}")
+    initial = ParameterSet(
+        tuple(
+            Parameter(s.name, start[s.name].value if s.name in start else 0.0, s.unit, source=start[s.name].source if s.name in start else "at rest")
+            for s in equations.states
+        )
+    )
+    return Model(equations, parameters, initial, noise or Noise())
+
+
+def _checked(data: VehicleData, name: str, unit: str) -> Number:
+    number = data[name]
+    where = f"vehicle {data.name}, {name}"
+    if number.unit != unit:
+        raise DeclarationError(f"unit {number.unit!r}", where=where, remedy=f"give the value in {unit}")
+    stem = re.sub(r"\d+$", "", name)
+    positive = stem in {**RIGID_CONSTANTS, **BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES, **MODE_CONSTANTS}
+    if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
+        raise DeclarationError(f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number")
+    return number
+
+
+def _sourced(item: Parameter, found: Mapping[str, Number]) -> Parameter:
+    source = found[item.name].source if item.name in found else item.source
+    return Parameter(item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source)
+
+
+def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> Number:
+    if name not in units:
+        raise DeclarationError(f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}")
+    if not math.isfinite(value):
+        raise DeclarationError(f"{value} is not a finite number", where=f"vehicle {vehicle}, {name}", remedy="give a finite number")
+    return Number(name, float(value), units[name], origin=Origin.USER)
