@@ -76,7 +76,10 @@ def key_path(parts: Iterable[str | int]) -> str:
     """``("modes", 0, "damping")`` as ``modes[1].damping``: tables are counted from one."""
     text = ""
     for part in parts:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            text += ("." if text else "") + (part if part.isprintable() else repr(part))
     return text
 
 

@@ -75,16 +75,18 @@ def read_record(
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
     """The block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest contradicted stamps.
 
-    ``time`` has shape ``(N,)`` and may hold NaN, which has no say; at an end that was asked for, rows without a time are cut off.
+    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands at a row inside the window.
     """
+    low, high = -math.inf if start is None else start, math.inf if stop is None else stop
+    inside = (time >= low) & (time <= high)
     first, last = 0, time.size
     if start is not None:
-        first = _boundary(time < start, time >= start)
-        while first < last and not np.isfinite(time[first]):
+        first = _boundary(time < low, inside)
+        while first < last and not inside[first]:
             first += 1
     if stop is not None:
-        last = first + _boundary(time[first:] <= stop, time[first:] > stop)
-        while last > first and not np.isfinite(time[last - 1]):
+        last = first + _boundary(inside[first:], time[first:] > high)
+        while last > first and not inside[last - 1]:
             last -= 1
     return slice(first, last)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ class Table:
     Attributes
     ----------
     file : the path as the user gave it, for messages.
-    header : one cell a column.
+    header : one cell a column, on one line.
     columns : one sequence a column: texts, or an array of whatever the file holds.
     rows : number of each row as the user sees it; the header of a CSV file is row 1.
     ragged : cells found in the rows (by position) that have more or fewer than the header.
@@ -92,6 +93,11 @@ def first_line(error: Exception) -> str:
     return text.splitlines()[0][:160] if text else type(error).__name__
 
 
+def one_line(cell: str) -> str:
+    """A header cell without the line breaks that spreadsheets put into it."""
+    return " ".join(cell.split())
+
+
 def _number(text: str) -> float:
     if "_" in text or not text.isascii():  # float() takes 1_000 and digits of other scripts
         raise ValueError(text)
@@ -103,7 +109,7 @@ def _read_csv(path: Path) -> Table:
     if path.suffix.lower() == ".gz":
         try:
             raw = gzip.decompress(raw)
-        except (OSError, EOFError) as error:
+        except (OSError, EOFError, zlib.error) as error:
             raise RecordError(f"not a gzip file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
     try:
         text = raw.decode("utf-8-sig")
@@ -122,7 +128,7 @@ def _read_csv(path: Path) -> Table:
         ) from None
     if not any(cell.strip() for _, cells in lines for cell in cells):
         raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
-    header = tuple(cell.strip() for cell in lines[0][1])
+    header = tuple(one_line(cell) for cell in lines[0][1])
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise RecordError("the columns are not separated by commas", where=f"{path}, row 1", remedy="save it with commas between the columns")
     body = [cells for _, cells in lines[1:]]
@@ -151,7 +157,7 @@ def _read_parquet(path: Path) -> Table:
         series = frame.iloc[:, index]
         plain = pandas.api.types.is_numeric_dtype(series.dtype) and not pandas.api.types.is_bool_dtype(series.dtype)
         columns.append(series.to_numpy(dtype=float, na_value=np.nan) if plain else series.astype(object).where(series.notna(), None).to_numpy())
-    return Table(str(path), tuple(str(name).strip() for name in frame.columns), tuple(columns), np.arange(1, len(frame) + 1))
+    return Table(str(path), tuple(one_line(str(name)) for name in frame.columns), tuple(columns), np.arange(1, len(frame) + 1))
 
 
 def _read_mat(path: Path) -> Table:
