@@ -40,8 +40,8 @@ class EquivalentSystem:
     L_alpha, M_alpha, L_q, M_q : 1/s, 1/s2, 1, 1/s.
     M_delta, L_delta : per inch of stick, 1/s2/in and 1/s/in; M_delta > 0 for a nose-up stick.
     inv_tau, delay : 1/s, s.
-    natural_frequency, damping_ratio : undamped short-period frequency (rad/s) and damping; where the roots are real the
-        frequency is the root of their product and the damping exceeds 1; both 0 for an unstable or static root pair.
+    natural_frequency, damping_ratio : undamped short-period frequency w (rad/s) and damping, from
+        w^2 = L_alpha M_q - L_q M_alpha and 2 damping w = -(L_alpha + M_q); both 0 where w^2 is not positive.
     mismatch : mean over channels and frequencies of (error in dB)^2 + 0.01745 (error in deg)^2.
     outcome : how the search ended.
     """
@@ -89,7 +89,9 @@ def fit_equivalent(omega: np.ndarray, response: np.ndarray, airspeed: float, gra
     omega, response = np.asarray(omega, dtype=float), np.asarray(response, dtype=complex)
     if response.shape != (3, omega.size) or omega.size < 3 or not np.all(omega > 0):
         raise ModelError(
-            f"responses of shape {response.shape} at {omega.size} frequencies", where="fit_equivalent", remedy="give (3, n) at n >= 3 positive frequencies"
+            f"responses of shape {response.shape} at {omega.size} frequencies",
+            where="fit_equivalent",
+            remedy="give (3, n) at n >= 3 positive frequencies",
         )
     if not (np.all(np.isfinite(response)) and np.all(response != 0)):
         raise ModelError("a response is zero or not finite", where="fit_equivalent", remedy="leave that frequency out")

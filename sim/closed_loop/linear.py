@@ -141,7 +141,7 @@ def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def step_response(x29: X29, duration: float, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Linear response to a stick step of ``size`` in at time 0, as ``respond`` gives it, over ``duration`` s."""
-    return respond(x29, np.full(int(round(duration / x29.frame)) + 1, size))
+    return respond(x29, np.full(round(duration / x29.frame) + 1, size))
 
 
 def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> np.ndarray:

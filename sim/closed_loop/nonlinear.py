@@ -86,7 +86,7 @@ def fly_closed_loop(
         frames, a negative skew, fewer than one piece.
     """
     frame, every = x29.frame, _frames_per_row(x29)
-    frames = int(round(duration * x29.law.frame_rate)) if math.isfinite(duration) else 0
+    frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
     if frames < every:
         raise ModelError(f"a duration of {duration:g} s", where="fly_closed_loop", remedy=f"fly for at least {every * frame:g} s")
     if pieces < 1:
@@ -204,7 +204,8 @@ def _reference(x29: X29, stick: np.ndarray) -> np.ndarray:
 def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
     given = np.asarray(stick if isinstance(stick, np.ndarray) else stick(time), dtype=float)
     if given.ndim != 1 or given.size < time.size:
-        raise ModelError(f"{given.size} stick values for {time.size} frames", where="fly_closed_loop", remedy="give one value a frame, the last included")
+        what = f"{given.size} stick values for {time.size} frames"
+        raise ModelError(what, where="fly_closed_loop", remedy="give one value a frame, the last included")
     if not np.all(np.isfinite(given[: time.size])):
         raise ModelError("a stick value is not finite", where="fly_closed_loop", remedy="give numbers throughout")
     return given[: time.size]
@@ -220,4 +221,4 @@ def _frames_per_row(x29: X29) -> int:
         )
     if x29.stick.recorded_skew < 0:
         raise ModelError(f"recorded_skew {x29.stick.recorded_skew:g} s", where=f"x29 {x29.name}", remedy="give 0 or more")
-    return int(round(ratio))
+    return round(ratio)
