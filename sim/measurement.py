@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -28,9 +28,9 @@ class Measurement:
     """
 
     std: Mapping[str, float] | None = None
-    correlation_time: Mapping[str, float] = _NONE
-    resolution: Mapping[str, float] = _NONE
-    missing: Mapping[str, float] = _NONE
+    correlation_time: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    resolution: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    missing: Mapping[str, float] = field(default_factory=lambda: _NONE)
 
     def __post_init__(self) -> None:
         for what, table, low, high in (
