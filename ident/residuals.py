@@ -1,0 +1,65 @@
+"""Are residuals or innovations what the noise alone would give? Two first tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.estimate import Estimate, FilterHistory
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """One test: its statistic, the p-value under white Gaussian noise, and what it looked at."""
+
+    name: str
+    channel: str
+    statistic: float
+    p_value: float
+    sentence: str
+
+    @property
+    def passed(self) -> bool:
+        """True where noise alone gives such a statistic more often than once in a thousand records."""
+        return self.p_value > 1e-3
+
+
+def ljung_box(residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25) -> ResidualTest:
+    """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978); missing samples are skipped."""
+    from scipy.special import chdtrc
+
+    series = residual[valid] - residual[valid].mean()
+    n = len(series)
+    lags = max(1, min(lags, n // 5))
+    power = float(series @ series)
+    if n < 10 or power == 0.0:
+        return ResidualTest("ljung-box", channel, 0.0, 1.0, "too few samples to tell")
+    r = np.array([series[lag:] @ series[: n - lag] for lag in range(1, lags + 1)]) / power
+    statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
+    p_value = float(chdtrc(lags, statistic))
+    sentence = f"{'white' if p_value > 1e-3 else 'not white'} over {lags} lags, lag-1 correlation {r[0]:.2f}"
+    return ResidualTest("ljung-box", channel, statistic, p_value, sentence)
+
+
+def innovation_size(history: FilterHistory) -> ResidualTest:
+    """Summed normalised innovation squared against chi-squared, both sides: are the filter's own sigmas right?"""
+    from scipy.special import chdtr, chdtrc
+
+    total, degrees = float(history.nis.sum()), int(history.degrees.sum())
+    if degrees == 0:
+        return ResidualTest("nis", "all", 0.0, 1.0, "no sample was used")
+    p_value = float(min(1.0, 2.0 * min(chdtr(degrees, total), chdtrc(degrees, total))))
+    ratio = total / degrees
+    return ResidualTest("nis", "all", total, p_value, f"innovations are {np.sqrt(ratio):.3f} times the size that the filter expects")
+
+
+def residual_tests(estimate: Estimate, residuals: np.ndarray, valid: np.ndarray) -> tuple[ResidualTest, ...]:
+    """All tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a whole-record fit."""
+    history = estimate.history
+    if history is None:
+        rows = [(residuals[i], valid[i]) for i in range(len(residuals))]
+    else:
+        rows = [(history.innovation[i] / history.innovation_std[i], history.valid[i]) for i in range(len(history.innovation))]
+    tests = [ljung_box(row, mask, name) for (row, mask), name in zip(rows, estimate.output_names, strict=True) if np.any(mask)]
+    return tuple(tests) if history is None else (*tests, innovation_size(history))

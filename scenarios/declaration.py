@@ -1,0 +1,121 @@
+"""What a scenario declares: how the truth is flown, how it is measured, how it is estimated, what was published."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+EMPTY: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Start:
+    """A starting value and its standard deviation, SI; the deviation is infinite where nothing is known."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class ManeuverPlan:
+    """One maneuver: the input it moves, its kind and the numbers of that kind (SI)."""
+
+    input: str
+    kind: str
+    numbers: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How the truth is flown.
+
+    Attributes
+    ----------
+    vehicle : name of a built-in vehicle. modes : elastic modes that act.
+    duration, rate : s, 1/s. maneuvers : in order; several on one input add up.
+    step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
+    process_noise : spectral densities of forcing that really acts, by state or parameter.
+    noise_std : measurement noise, by output.
+    """
+
+    vehicle: str
+    duration: float
+    rate: float
+    maneuvers: tuple[ManeuverPlan, ...]
+    noise_std: Mapping[str, float]
+    modes: int = 0
+    step: float = 0.001
+    integration: str = "rk4"
+    process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+
+
+@dataclass(frozen=True)
+class PublishedChoice:
+    """Which column of which published table stands beside an estimate."""
+
+    file: str
+    table: str
+    column: str
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """How a record is estimated; everything an estimator is told stands here.
+
+    Attributes
+    ----------
+    name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
+    model, modes : estimation model. outputs : those used.
+    method : ``"ekf"``, ``"ukf"``, ``"output-error"`` or ``"equation-error"``.
+    start : starting values and priors of the free parameters. initial : of the states.
+    held : parameters that are not estimated and not constants of the vehicle.
+    noise_std : measurement noise that the estimator assumes; empty takes that of the record's sensors.
+    process_noise : spectral densities that the filter assumes, by state or parameter.
+    integration, terms, max_step, passes : of a filter; ``terms`` Taylor terms of the fundamental matrix, 0 the exponential.
+    """
+
+    name: str
+    label: str
+    model: str
+    outputs: tuple[str, ...]
+    start: Mapping[str, Start]
+    initial: Mapping[str, Start]
+    method: str = "ekf"
+    modes: int = 0
+    held: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    integration: str = "rk4"
+    terms: int = 3
+    max_step: float = float("inf")
+    passes: int = 1
+    explanation: str = ""
+    published: PublishedChoice | None = None
+    flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A named study.
+
+    Attributes
+    ----------
+    name, title, about : for people.
+    distance : how far the truth is from the model that is fitted.
+    flight : the truth recipe. estimations : the main one first.
+    condensed : compare with the derivatives that static condensation of the elastic modes gives.
+    display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
+    seed : the default seed.
+    """
+
+    name: str
+    title: str
+    about: str
+    distance: str
+    flight: Flight
+    estimations: tuple[Estimation, ...]
+    condensed: bool = False
+    display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
+    seed: int = 1

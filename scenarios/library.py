@@ -1,0 +1,85 @@
+"""The catalogue of scenarios: one TOML file each, found by being there; and a user's own file by its path."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from scenarios.declaration import Scenario
+from scenarios.files.declarations import closest, read_toml
+from sim.errors import DeclarationError
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names of the built-in scenarios, sorted."""
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in files("scenarios").joinpath("catalog").iterdir() if entry.name.endswith(".toml"))
+    )
+
+
+def scenario_title(name: str) -> str:
+    """The one line that describes a built-in scenario."""
+    return str(tomllib.loads(files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8"))["title"])
+
+
+def scenario_text(name: str) -> str:
+    """The file of a built-in scenario, for copying and editing."""
+    _known(name)
+    return files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
+
+
+def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
+    """A built-in scenario by its name, or a user's by the path of its TOML file.
+
+    Parameters
+    ----------
+    name : ``"rigid"`` or ``"my_study.toml"``.
+    changes : ``"key=value"`` texts that replace entries of the file, e.g. ``"flight.rate=50"``.
+
+    Raises
+    ------
+    DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are named.
+    """
+    from scenarios.schema import scenario_of
+
+    if name.endswith(".toml"):
+        document, where, short = read_toml(name), name, Path(name).stem
+    else:
+        _known(name)
+        document, where, short = tomllib.loads(scenario_text(name)), f"{name}.toml", name
+    for change in changes:
+        document = _changed(document, change)
+    return scenario_of(document, short, where)
+
+
+def _known(name: str) -> None:
+    if name not in scenario_names():
+        raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
+
+
+def _changed(document: dict[str, Any], change: str) -> dict[str, Any]:
+    key, equals, text = change.partition("=")
+    if not equals or not key.strip():
+        raise DeclarationError(f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50")
+    try:
+        value: Any = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    path = key.strip().split(".")
+    return _put(document, path, value, key.strip())
+
+
+def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
+    """The same table with one entry replaced; a number in the path counts entries of a list from 1."""
+    first, *rest = path
+    if isinstance(table, list):
+        if not first.isdigit() or not 1 <= int(first) <= len(table):
+            raise DeclarationError(f"{key}: there is no entry {first!r}", where="--set", remedy=f"use a number from 1 to {len(table)}")
+        at = int(first) - 1
+        return [*table[:at], value if not rest else _put(table[at], rest, value, key), *table[at + 1 :]]
+    if not isinstance(table, dict):
+        raise DeclarationError(f"{key}: nothing stands inside {first!r}", where="--set", remedy="name a key of the scenario's file")
+    return {**table, first: value if not rest else _put(table.get(first, {}), rest, value, key)}
