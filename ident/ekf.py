@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.keeping import HistoryKeeper
+from ident.keeping import HistoryKeeper, breakdown
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.transition import Taylor, Transition, log_gaussian
 from sim.integrate import Step, rk4_step
@@ -73,7 +73,7 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
             break
         start = np.concatenate([problem.start[:n_x], estimate.values])
         again = filter_record(problem, settings, start)
-        moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
+        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
             break
@@ -93,26 +93,21 @@ def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.nd
     times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
     keeper = HistoryKeeper(problem)
 
-    for k in range(len(problem.time)):
-        Phi = np.eye(n)
-        if k:
-            for s in range(samples[k - 1], samples[k]):
-                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                Phi = _predict(ekf, problem, settings, times[s], u, steps[s], n_x) @ Phi
-        keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
-        rows = np.flatnonzero(problem.valid[:, k])
-        if rows.size and np.all(np.isfinite(ekf.x)):
-            _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, rows, n_x)
+    with np.errstate(all="ignore"):
+        for k in range(len(problem.time)):
+            Phi = np.eye(n)
             try:
-                log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)
-            except np.linalg.LinAlgError:
-                return keeper.estimate("ekf", Outcome.INDEFINITE)
-            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, log_likelihood, nis)
-        if not (np.all(np.isfinite(ekf.x)) and np.all(np.isfinite(ekf.P))):
-            return keeper.estimate("ekf", Outcome.DIVERGED)
-        if np.any(np.diag(ekf.P) < 0.0):
-            return keeper.estimate("ekf", Outcome.INDEFINITE)
-        keeper.filtered(k, ekf.x[:, 0], ekf.P)
+                if k:
+                    for s in range(samples[k - 1], samples[k]):
+                        u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
+                        Phi = _predict(ekf, problem, settings, times[s], u, steps[s], n_x) @ Phi
+                keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
+                trouble = _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, keeper)
+            except (ArithmeticError, ValueError):  # what math and linear algebra raise where arrays would turn infinite
+                trouble = Outcome.DIVERGED
+            if trouble is not None:
+                return keeper.estimate("ekf", trouble)
+            keeper.filtered(k, ekf.x[:, 0], ekf.P)
     return keeper.estimate("ekf", Outcome.CONVERGED)
 
 
@@ -123,25 +118,37 @@ def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: floa
     F = np.zeros_like(ekf.P)
     F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), mean)
     Phi, noise = settings.transition(F, problem.density, dt)
-    try:
-        ekf.x[:n_x, 0] = settings.step(system.f, t, mean[:n_x], u, with_free(p, free, mean[n_x:]), dt)
-    except OverflowError:
-        ekf.x[:n_x, 0] = math.inf
+    ekf.x[:n_x, 0] = settings.step(system.f, t, mean[:n_x], u, with_free(p, free, mean[n_x:]), dt)
     ekf.P = Phi @ ekf.P @ Phi.T + noise
     ekf.P = 0.5 * (ekf.P + ekf.P.T)
     return Phi
 
 
-def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, rows: np.ndarray, n_x: int) -> None:
-    """filterpy's Joseph update with the channels that have a sample."""
+def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper) -> Outcome | None:
+    """filterpy's Joseph update with the channels that have a sample; how it broke down, if it did."""
+    n_x = len(problem.system.states)
 
     def outputs(a: list[Any]) -> list[Any]:
         return problem.system.h(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:]))
 
-    ekf.update(
-        problem.z[rows, k].reshape(-1, 1),
-        lambda x: complex_step_jacobian(outputs, x[:, 0].tolist())[rows],
-        lambda x: np.array(outputs(x[:, 0].tolist()))[rows].reshape(-1, 1),
-        R=np.diag(problem.variance[rows]),
-    )
-    ekf.P = 0.5 * (ekf.P + ekf.P.T)
+    expected = np.array(outputs(ekf.x[:, 0].tolist()))
+    rows = np.flatnonzero(problem.valid[:, k])
+    log_likelihood = nis = 0.0
+    if rows.size:
+        ekf.update(
+            problem.z[rows, k].reshape(-1, 1),
+            lambda x: complex_step_jacobian(outputs, x[:, 0].tolist())[rows],
+            lambda x: expected[rows].reshape(-1, 1),
+            R=np.diag(problem.variance[rows]),
+        )
+        ekf.P = 0.5 * (ekf.P + ekf.P.T)
+        try:
+            log_likelihood, nis = log_gaussian(ekf.y[:, 0], ekf.S)
+        except np.linalg.LinAlgError:
+            return breakdown(ekf.x, ekf.S) or Outcome.INDEFINITE
+    trouble = breakdown(ekf.x, ekf.P, keeper.transition(k), expected, nis)
+    if trouble is None:
+        keeper.outputs(k, expected)
+        if rows.size:
+            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, log_likelihood, nis)
+    return trouble

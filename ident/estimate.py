@@ -69,7 +69,8 @@ class Estimate:
     outcome : how the estimation ended.
     log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record fit.
     output_names, noise_std : outputs used and the measurement noise assumed or estimated.
-    fitted : estimator's output at the samples of each record, ``(m, N)`` each.
+    fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its prediction from the past,
+        from the last sound sample on held where it broke down.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
     """

@@ -7,6 +7,15 @@ import numpy as np
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.setup import FilterProblem
 
+LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
+
+
+def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
+    """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further numbers."""
+    if not all(np.abs(v).max(initial=0.0) < LARGEST for v in (mean, covariance, *further)):
+        return Outcome.DIVERGED
+    return Outcome.INDEFINITE if np.diag(covariance).min() < 0.0 else None
+
 
 class HistoryKeeper:
     """Collects predictions, innovations and updates of one pass; any filter can use it.
@@ -25,10 +34,19 @@ class HistoryKeeper:
         self._innovation, self._innovation_std = np.zeros((m, N)), np.ones((m, N))
         self._valid = np.zeros((m, N), dtype=bool)
         self._log_likelihood, self._nis, self._degrees = np.zeros(N), np.zeros(N), np.zeros(N, dtype=int)
+        self._outputs = np.zeros((m, N))
 
     def predicted(self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray) -> None:
         """Before the update at sample ``k``."""
         self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = mean, covariance, transition
+
+    def transition(self, k: int) -> np.ndarray:
+        """The transition kept for sample ``k``."""
+        return self._transition[k]
+
+    def outputs(self, k: int, y: np.ndarray) -> None:
+        """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a sample."""
+        self._outputs[:, k] = y
 
     def innovation(self, k: int, rows: np.ndarray, y: np.ndarray, S: np.ndarray, log_likelihood: float, nis: float) -> None:
         """Innovation ``y`` of the channels ``rows`` with covariance ``S``."""
@@ -51,6 +69,7 @@ class HistoryKeeper:
             self._transition[k] = np.eye(len(problem.names))
             self._valid[:, k], self._innovation[:, k], self._innovation_std[:, k] = False, 0.0, 1.0
             self._log_likelihood[k] = self._nis[k] = self._degrees[k] = 0
+            self._outputs[:, k] = self._outputs[:, last] if last >= 0 else 0.0
         history = FilterHistory(
             problem.time,
             problem.names,
@@ -78,7 +97,7 @@ class HistoryKeeper:
             float(self._log_likelihood.sum()),
             problem.system.output_names,
             np.sqrt(problem.variance),
-            (np.where(self._valid, problem.z - self._innovation, 0.0),),
+            (self._outputs,),
             history,
             message="" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s",
         )
