@@ -20,6 +20,7 @@ from ident.ekf import SETTLED, FilterSettings
 from ident.estimate import Estimate, Outcome
 from ident.keeping import HistoryKeeper, breakdown
 from ident.setup import FilterProblem, filter_problem, with_free
+from ident.smoother import scaled_pseudo_inverse
 from ident.transition import log_gaussian
 from sim.maths import complex_step_jacobian
 from sim.record import Record
@@ -86,7 +87,7 @@ def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarra
                         u = tuple([float(row[s]) for row in stage] for stage in drive.stages)
                         G = _predict(ukf, problem, settings, float(grid.edges[s]), u, float(grid.steps[s])) @ G
                 keeper.predicted(k, ukf.x, ukf.P, G)
-                trouble = breakdown(ukf.x, ukf.P, *G.ravel()) or _update(ukf, problem, k, keeper)
+                trouble = _update(ukf, problem, k, keeper)
             except (ArithmeticError, ValueError):
                 trouble = Outcome.DIVERGED
             if trouble is not None:
@@ -114,7 +115,7 @@ def _predict(ukf: Any, problem: FilterProblem, settings: FilterSettings, t: floa
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
     cross = (before - mean).T @ (ukf.Wc[:, None] * (after - ukf.x))
-    return (_pseudo_inverse(P) @ cross).T
+    return (scaled_pseudo_inverse(P) @ cross).T
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
@@ -136,15 +137,9 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
             log_likelihood, nis = log_gaussian(ukf.y, ukf.S)
         except np.linalg.LinAlgError:
             return breakdown(ukf.x, ukf.S) or Outcome.INDEFINITE
-    trouble = breakdown(ukf.x, ukf.P, log_likelihood, nis, *expected)
+    trouble = breakdown(ukf.x, ukf.P, keeper.transition(k), expected, nis)
     if trouble is None:
         keeper.outputs(k, expected)
         if rows.size:
             keeper.innovation(k, rows, ukf.y, ukf.S, log_likelihood, nis)
     return trouble
-
-
-def _pseudo_inverse(P: np.ndarray) -> np.ndarray:
-    from ident.smoother import scaled_pseudo_inverse
-
-    return scaled_pseudo_inverse(P)
