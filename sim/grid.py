@@ -127,12 +127,23 @@ def _mean(split: np.ndarray) -> np.ndarray:
 def _changed_by_input_path(linear: Drive, system: System, p: Any, rows: list[Any], time: np.ndarray, grid: Grid) -> Drive:
     # Cells carry means only. What the input path changes is added to the straight input, exact at the stages.
     edges = cell_edges(grid)
-    cells = [0.5 * (a[:-1] + a[1:]) for a in (np.interp(edges, time, row) for row in rows)]
-    change = [_by_step(acted - cell, grid) for acted, cell in zip(system.input_path(p, cells, edges), cells, strict=True)]
+    cells = [0.5 * (a[:-1] + a[1:]) for a in (_prolonged(edges, time, row) for row in rows)]
+    acted = system.input_path(p, cells, edges)
+    change = [_by_step(after - _deep(before, np.ndim(after)), grid) for after, before in zip(acted, cells, strict=True)]
     means, first, last = [_mean(c[:-1]) for c in change], [c[:, 0] for c in change], [c[:-1, -1] for c in change]
     start, middle, end = (_sum(stage, means) for stage in linear.stages)
     return Drive((start, middle, end), _sum(linear.begin, first), _sum(linear.end, last))
 
 
+def _prolonged(edges: np.ndarray, time: np.ndarray, row: np.ndarray) -> np.ndarray:
+    # The last sample's feed-through is taken from the cell after it: the line goes on.
+    further = row[-1] + (row[-1] - row[-2]) / (time[-1] - time[-2]) * (edges[-1] - time[-1])
+    return np.interp(edges, np.append(time, edges[-1]), np.append(row, further))
+
+
+def _deep(row: np.ndarray, ndim: int) -> np.ndarray:
+    return row.reshape(row.shape + (1,) * (ndim - row.ndim))
+
+
 def _sum(rows: list[Any], added: list[np.ndarray]) -> list[Any]:
-    return [row.reshape(row.shape + (1,) * (more.ndim - row.ndim)) + more for row, more in zip(rows, added, strict=True)]
+    return [_deep(row, more.ndim) + more for row, more in zip(rows, added, strict=True)]
