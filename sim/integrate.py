@@ -63,15 +63,17 @@ def propagate(system: System, p: Sequence[Any], x0: Sequence[Any], drive: Drive,
 def outputs_at_samples(system: System, p: Sequence[Any], states: Sequence[np.ndarray], drive: Drive, grid: Grid) -> list[np.ndarray]:
     """Outputs at the record's samples, ``(N, ...)`` a row, from states at all sub-step edges.
 
-    Only the samples are evaluated when no sensor has memory; else both ends of every sub-step.
+    Only the samples are evaluated when no sensor has memory; else both ends of every sub-step. States
+    without limit give outputs that are not finite, without a warning.
     """
-    if not system.sensor_stages:
-        at = grid.sample
-        return _outputs(system, p, grid.edges[at], [row[at] for row in states], [row[at] for row in drive.begin])
-    begin = _outputs(system, p, grid.edges, list(states), drive.begin)
-    end = _outputs(system, p, grid.edges[1:], [row[1:] for row in states], drive.end)
-    begin, _ = system.sensor_path(p, begin, end, grid.steps)
-    return [row[grid.sample] for row in begin]
+    with np.errstate(over="ignore", invalid="ignore"):
+        if not system.sensor_stages:
+            at = grid.sample
+            return _outputs(system, p, grid.edges[at], [row[at] for row in states], [row[at] for row in drive.begin])
+        begin = _outputs(system, p, grid.edges, list(states), drive.begin)
+        end = _outputs(system, p, grid.edges[1:], [row[1:] for row in states], drive.end)
+        begin, _ = system.sensor_path(p, begin, end, grid.steps)
+        return [row[grid.sample] for row in begin]
 
 
 def simulate(system: System, p: Sequence[Any], x0: Sequence[Any], drive: Drive, grid: Grid, step: Step = rk4_step) -> list[np.ndarray]:
