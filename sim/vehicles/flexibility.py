@@ -1,7 +1,8 @@
 """How flexible is an aircraft, and does a rigid model still serve?
 
 A rigid model with equivalent derivatives assumes that the structure follows its loads at once. What it
-leaves out grows with frequency like (omega / omega_1)^2, weighed by the elastic share of the derivatives.
+leaves out grows with frequency (in proportion at first, by the rates of the modes) and falls with the square
+of the modal frequencies.
 
 Degree of flexibility (analytic, no data needed): the error of that assumption at the condensed short
 period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|, Y the
