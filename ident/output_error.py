@@ -14,6 +14,8 @@ import numpy as np
 
 from ident.colour import corrected_covariance
 from ident.estimate import Estimate, Outcome
+from ident.information import conditional_scale, inverse_information
+from ident.keeping import LARGEST
 from ident.whole_record import Linearisation, RecordProblem, guess_states, linearise, record_problem
 from sim.errors import ModelError
 from sim.record import Record
@@ -73,32 +75,38 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     point = fit.evaluate(fit.start, fit.first_guesses())
     if point is None:
         return fit.estimate(fit.start, None, Outcome.DIVERGED, 0)
-    damping, outcome = 1e-4, Outcome.MAX_ITERATIONS
-    done = 0
-    for done in range(1, settings.iterations + 1):
+    damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    while done < settings.iterations:
+        done += 1
         normal, gradient = fit.normal_equations(point)
-        diagonal = np.diag(normal).copy()
-        if np.any(diagonal <= 0) or not np.all(np.isfinite(normal)):
-            outcome = Outcome.NOT_IDENTIFIABLE
-            break
-        scale = 1.0 / np.sqrt(diagonal)
-        step = scale * np.linalg.solve(normal * np.outer(scale, scale) + damping * np.eye(len(scale)), scale * gradient)
+        scale, moving = fit.scale_and_moving(point.theta, normal, gradient)
+        scaled, slope = normal * np.outer(scale, scale), scale * gradient
+        step = scale * _damped_solution(scaled, slope, damping, moving)
         trial_theta = np.clip(point.theta + step, fit.low, fit.high)
         guesses = [np.array(line.states + line.by_state @ fit.of_record(trial_theta - point.theta, r)) for r, line in enumerate(point.lines)]
         trial = fit.evaluate(trial_theta, guesses)
-        moved = np.max(np.abs(step) * np.sqrt(diagonal))
         if trial is not None and trial.cost <= point.cost + 1e-9 * abs(point.cost):
-            settled = moved < settings.tolerance
+            moved = np.max(np.abs(trial.theta - point.theta) / scale)
             point, damping = trial, max(damping / 10.0, 1e-12)
-            if settled:
+            if moved < settings.tolerance:
                 outcome = Outcome.CONVERGED
                 break
         else:
             damping *= 10.0
             if damping > 1e8:
-                outcome = Outcome.CONVERGED if moved < 1.0 else Outcome.MAX_ITERATIONS
+                # No descent is left: at the optimum if the undamped step says so too.
+                undamped = np.max(np.abs(_damped_solution(scaled, slope, 1e-12, moving)), initial=0.0)
+                outcome = Outcome.CONVERGED if undamped < 10.0 * settings.tolerance else Outcome.MAX_ITERATIONS
                 break
-    return fit.estimate(point.theta, point, outcome, done)
+    return fit.estimate(point.theta, fit.joined_up(point), outcome, done)
+
+
+def _damped_solution(scaled: np.ndarray, slope: np.ndarray, damping: float, moving: np.ndarray) -> np.ndarray:
+    """Step in scaled units; what rests at a bound, or has no influence, stays."""
+    out = np.zeros(len(slope))
+    at = np.flatnonzero(moving)
+    out[at] = np.linalg.solve(scaled[np.ix_(at, at)] + damping * np.eye(len(at)), slope[at])
+    return out
 
 
 class _Fit:
@@ -126,6 +134,8 @@ class _Fit:
         self._seed_initial_states(len(own))
         self.prior = self.start.copy()
         self.prior_weight = np.array([item.prior_std**-2 for item in items]) if settings.use_priors else np.zeros(len(items))
+        size = np.array([max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in self.problems) for i in range(len(system.outputs))])
+        self.smallest = np.maximum(1e-14 * size, 1e-30) ** 2  # rounding: exact data must not weigh infinitely
         self.used = np.array([any(np.any(problem.valid[i]) for problem in self.problems) for i in range(len(system.outputs))])
 
     def _seed_initial_states(self, own: int) -> None:
@@ -162,19 +172,18 @@ class _Fit:
             for r, problem in enumerate(self.problems):
                 p, x0 = self.split(theta, r)
                 line = linearise(problem, p, x0, guesses[r])
-                if not (np.all(np.isfinite(line.y)) and np.all(np.isfinite(line.jacobian))):
+                if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
                     return None
                 lines.append(line)
                 residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
         counts = sum(problem.valid.sum(axis=1) for problem in self.problems)
         squares = sum((residual**2).sum(axis=1) for residual in residuals)
-        variance = np.where(self.used, np.maximum(squares, 1e-300) / np.maximum(counts, 1), 1.0)
+        variance = np.where(self.used, np.maximum(squares / np.maximum(counts, 1), self.smallest), 1.0)
         prior = float(self.prior_weight @ (theta - self.prior) ** 2)
         cost = 0.5 * float(np.sum(np.where(self.used, counts * np.log(variance), 0.0)) + prior)
         return _Point(theta, guesses, lines, residuals, variance, cost)
 
     def normal_equations(self, point: _Point) -> tuple[np.ndarray, np.ndarray]:
-        n = len(point.theta)
         normal, gradient = np.diag(self.prior_weight).copy(), self.prior_weight * (self.prior - point.theta)
         for r, (problem, line, residual) in enumerate(zip(self.problems, point.lines, point.residuals, strict=True)):
             at = self.columns(r)
@@ -182,8 +191,23 @@ class _Fit:
             J = line.jacobian.reshape(-1, len(at))
             normal[np.ix_(at, at)] += J.T @ (weighted.reshape(-1, 1) * J)
             gradient[at] += J.T @ (weighted * residual).ravel()
-        assert normal.shape == (n, n)
         return normal, gradient
+
+    def scale_and_moving(self, theta: np.ndarray, normal: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Conditional sigma of each unknown (one without influence: its size), and which of them a step may move."""
+        pressed = ((theta <= self.low) & (gradient < 0)) | ((theta >= self.high) & (gradient > 0))
+        return conditional_scale(normal, theta), (np.diag(normal) > 0) & ~pressed
+
+    def joined_up(self, point: _Point) -> _Point:
+        """The same parameters with a trajectory that obeys the equations to rounding: what the last step left is squared away."""
+        for _ in range(3):
+            gap = max(np.max(np.abs(line.states - guess), initial=0.0) for line, guess in zip(point.lines, point.guesses, strict=True))
+            size = max(np.max(np.abs(line.states), initial=0.0) for line in point.lines)
+            again = self.evaluate(point.theta, [line.states for line in point.lines]) if gap > 1e-13 * size else None
+            if again is None:
+                break
+            point = again
+        return point
 
     def estimate(self, theta: np.ndarray, point: _Point | None, outcome: Outcome, iterations: int) -> Estimate:
         n = len(self.shared)
@@ -195,11 +219,9 @@ class _Fit:
                 "output-error", tuple(self.shared), units, theta[:n], wide, outcome, -np.inf, self.system.output_names, np.ones(len(self.used)), blank
             )
         normal, _ = self.normal_equations(point)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled = normal * np.outer(scale, scale)
-        if np.linalg.cond(scaled) > 1e14:
+        inverse, determined = inverse_information(normal, theta)
+        if not determined:
             outcome = Outcome.NOT_IDENTIFIABLE
-        inverse = np.outer(scale, scale) * np.linalg.pinv(scaled, rcond=1e-15, hermitian=True)
         covariance = inverse
         if self.settings.coloured:
             parts = [(self.columns(r), line.jacobian, point.residuals[r], self.problems[r].valid) for r, line in enumerate(point.lines)]

@@ -10,6 +10,7 @@ exact, and at convergence the trajectory equals the sequential simulation to rou
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,7 +62,7 @@ def record_problem(
     return RecordProblem(record, system, make_grid(record.time, max_step), z, valid, tuple(free), tuple(starts), step)
 
 
-def guess_states(problem: RecordProblem, p: Sequence[float], x0: Sequence[float]) -> np.ndarray:
+def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
     """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
 
     Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
@@ -83,7 +84,8 @@ def guess_states(problem: RecordProblem, p: Sequence[float], x0: Sequence[float]
         if k < len(grid.nodes) - 1:
             for s in range(k * grid.substeps, (k + 1) * grid.substeps):
                 u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                x = problem.step(system.f, times[s], x, u, p, steps[s])
+                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
+                    x = problem.step(system.f, times[s], x, u, p, steps[s])
     return np.nan_to_num(np.clip(out, -1e12, 1e12))
 
 
