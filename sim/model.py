@@ -96,6 +96,13 @@ class Model:
                         where=f"model {self.equations.name}",
                         remedy=f"its ports are {', '.join(sorted(ports)) or 'none'}",
                     )
+            for needed in getattr(effect, "needs_constants", ()):
+                if needed not in self.equations.parameter_names:
+                    raise ModelError(
+                        f"effect {effect.name} needs the constant {needed!r}",
+                        where=f"model {self.equations.name}",
+                        remedy="use it on a vehicle that declares it",
+                    )
 
     @property
     def name(self) -> str:

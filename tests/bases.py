@@ -1,4 +1,4 @@
-"""Base models and records that tests share: the rigid aircraft and the falling body, with made-up inputs."""
+"""Base models and records that tests share: rigid aircraft, low-order equivalent system and falling body, with made-up inputs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sim.parameters import Parameter, ParameterSet
 from sim.record import Hold
 from sim.system import System, compile_model
 from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.factory import model_from_constants
 from sim.vehicles.short_period import ShortPeriod
 
 RIGID_VALUES = {
@@ -31,6 +32,17 @@ RIGID_VALUES = {
     "Cm_q": -34.75,
     "Cm_de": -2.578,
 }
+LOES_CONSTANTS = {"airspeed": 295.5, "gravity": 9.8, "vane_arm": 7.3}
+LOES_VALUES = {
+    "L_alpha": -1.9,
+    "M_alpha": -12.4,
+    "L_delta": -2e-3,
+    "M_delta": 0.32,
+    "L_q": 1.01,
+    "M_q": -3.0,
+    "inv_tau": 10.6,
+    "delay": 0.125,  # a whole number of sub-steps: the input then jumps between steps, and integrators keep their order
+}
 BALLISTIC_VALUES = {"air_density_reference": 1.752, "density_scale_height": 6705.6, "gravity": 9.80665, "beta": 2441.2}
 
 
@@ -46,6 +58,12 @@ def ballistic_model(values: Mapping[str, float] = BALLISTIC_VALUES) -> Model:
     parameters = tuple(Parameter(name, value, free=name == "beta") for name, value in values.items())
     initial = ParameterSet((Parameter("altitude", 60960.0, "m"), Parameter("velocity", -1828.8, "m/s")))
     return Model(Ballistic(), ParameterSet(parameters), initial, Noise({"altitude": 7.62}))
+
+
+def loes_model(values: Mapping[str, float] = LOES_VALUES) -> Model:
+    """The low-order equivalent system at rest in trim, constant terms zero; the delay is held, so that filters take it too."""
+    model = model_from_constants("loes", LOES_CONSTANTS, values).with_noise(Noise({"alpha": 0.001, "q": 0.002, "nz": 0.02}))
+    return model.with_parameters(model.parameters.hold(["delay"]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +89,12 @@ def rigid_flight(duration: float = 6.0, rate: float = 50.0) -> Flight:
     return Flight(time, three_two_one_one(time)[None])
 
 
+def loes_flight(duration: float = 8.0, rate: float = 40.0) -> Flight:
+    """A 3-2-1-1 of one unit of stick."""
+    time = np.arange(round(duration * rate) + 1) / rate
+    return Flight(time, three_two_one_one(time, size=1.0)[None])
+
+
 def ballistic_flight(duration: float = 20.0, rate: float = 10.0) -> Flight:
     """A fall of the ballistic body, tracked."""
     time = np.arange(round(duration * rate) + 1) / rate
@@ -79,7 +103,11 @@ def ballistic_flight(duration: float = 20.0, rate: float = 10.0) -> Flight:
 
 def base_for(equations: str) -> tuple[Model, Flight]:
     """Model and flight by the name of the equations."""
-    return {"rigid": (rigid_model(), rigid_flight()), "ballistic": (ballistic_model(), ballistic_flight())}[equations]
+    return {
+        "rigid": (rigid_model(), rigid_flight()),
+        "loes": (loes_model(), loes_flight()),
+        "ballistic": (ballistic_model(), ballistic_flight()),
+    }[equations]
 
 
 def fly(system: System, flight: Flight, p: list[Any] | None = None, x0: list[Any] | None = None, step: Step = rk4_step) -> list[np.ndarray]:

@@ -49,11 +49,12 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
 
 
 def applies(effect: Effect, equations: Equations) -> bool:
-    """Whether a vehicle has the input, the output and the ports that an effect acts on."""
+    """Whether a vehicle has the input, the output, the ports and the constants that an effect acts on."""
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
     ports = {port.name for port in equations.ports}
     signal, channel = getattr(effect, "signal", None), getattr(effect, "channel", None)
-    return (signal is None or signal in inputs) and (channel is None or channel in outputs) and ports.issuperset(getattr(effect, "needs", ()))
+    ported = ports.issuperset(getattr(effect, "needs", ())) and {*equations.parameter_names}.issuperset(getattr(effect, "needs_constants", ()))
+    return (signal is None or signal in inputs) and (channel is None or channel in outputs) and ported
 
 
 def effect_names() -> tuple[str, ...]:

@@ -5,19 +5,28 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 
 from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.model import Equations, Model, Noise
 from sim.parameters import Parameter, ParameterSet
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.data import Number, Origin, VehicleData
+from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 
 RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
 RIGID_DERIVATIVES = dict.fromkeys(("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"), "1/rad")
 BALLISTIC_CONSTANTS = {"air_density_reference": "kg/m3", "density_scale_height": "m", "gravity": "m/s2"}
 BALLISTIC_DERIVATIVES = {"beta": "kg/m2"}
+LOES_CONSTANTS = {"airspeed": "m/s", "gravity": "m/s2", "vane_arm": "m"}
+LOES_DERIVATIVES = {
+    **{"L_alpha": "1/s", "M_alpha": "1/s2", "L_delta": "1/s", "M_delta": "1/s2", "L_q": "1", "M_q": "1/s"},
+    **{"inv_tau": "1/s", "delay": "s"},
+}
+LOES_OFFSETS = {"L_0": "rad/s", "M_0": "rad/s2", "delta_0": "1/s", "nz_0": "g"}
 MODE_CONSTANTS = {"omega": "rad/s", "zeta": "1", "generalized_mass": "kg m2"}
 MODE_DERIVATIVES = {
     **dict.fromkeys(("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot"), "1"),
@@ -66,20 +75,52 @@ def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
     return _model(data, Ballistic(), BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, noise)
 
 
+def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
+    """The low-order equivalent system with a set's numbers, in the gauge of whole-record fits.
+
+    Free are the seven derivatives of ``LOES_DERIVATIVES`` and ``delay``, an InputDelay on the stick with its parameter under
+    that plain name; constants and the constant terms ``LOES_OFFSETS`` are held, these at zero unless the set has them.
+    Add one bias per output for a fit; ``loes_filter_model`` turns the model into the filter's. Without ``vane_arm`` the
+    vane is at the centre of gravity. Raises DeclarationError as ``rigid_model``, and for a negative ``inv_tau`` or ``delay``.
+    """
+    optional = [Number(name, 0.0, unit, note="zero unless given") for name, unit in {"vane_arm": "m", **LOES_OFFSETS}.items() if name not in data]
+    full = replace(data, numbers=(*data.numbers, *optional))
+    in_equations = {name: unit for name, unit in LOES_DERIVATIVES.items() if name != "delay"}
+    model = _model(full, Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, in_equations, noise)
+    delay = _checked(data, "delay", LOES_DERIVATIVES["delay"])
+    model = model.with_effects(InputDelay("stick", own_name=True))
+    items = []
+    for item in model.parameters:
+        if item.name == "inv_tau":
+            item = replace(item, bounds=(0.0, math.inf))
+        items.append(replace(item, value=delay.value, source=delay.source) if item.name == "delay" else item)
+    return model.with_parameters(ParameterSet(tuple(items)))
+
+
+def loes_filter_model(model: Model) -> Model:
+    """The fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free, no other bias.
+
+    Priors, initial variances and noise are the filter's own affair and still to be declared.
+    """
+    return model.with_parameters(model.parameters.hold(["delay"]).release(LOES_OFFSETS))
+
+
 def vehicle_from_values(
     name: str, equations: str, values: Mapping[str, float], *, initial: Mapping[str, float] | None = None, modes: int = 0, title: str = ""
 ) -> VehicleData:
-    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is ``"rigid"`` or ``"ballistic"``.
+    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is ``"rigid"``, ``"ballistic"`` or ``"loes"``.
 
     Raises DeclarationError for a name that the equations and modes do not know.
     """
     if equations == Ballistic().name:
         units, states = {**BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES}, Ballistic().states
+    elif equations == Loes().name:
+        units, states = {**LOES_CONSTANTS, **LOES_DERIVATIVES, **LOES_OFFSETS}, Loes().states
     elif equations == ShortPeriod().name:
         units, states = {**RIGID_CONSTANTS, **RIGID_DERIVATIVES}, ShortPeriod().states
         units.update({full: unit for full, unit, _ in mode_units(modes)})
     else:
-        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use {ShortPeriod().name} or {Ballistic().name}")
+        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy="use rigid, loes or ballistic")
     state_units = {signal.name: signal.unit for signal in states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
@@ -95,9 +136,11 @@ def model_from_constants(
 
 
 def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The most complete model that a set describes: all its elastic modes where it has some."""
+    """The most complete model that a set describes: all its elastic modes where it has some, the delay of a low-order equivalent."""
     if data.equations == Ballistic().name:
         return ballistic_model(data, noise)
+    if data.equations == Loes().name:
+        return loes_model(data, noise)
     return flexible_model(data, None, noise)
 
 
@@ -142,6 +185,8 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     if number.unit != unit:
         raise DeclarationError(f"unit {number.unit!r}", where=where, remedy=f"give the value in {unit}")
     stem = re.sub(r"\d+$", "", name)
+    if name in ("inv_tau", "delay") and number.value < 0:
+        raise DeclarationError(f"{number.value:g} {unit} is negative", where=where, remedy="give zero or a positive number")
     positive = stem in {**RIGID_CONSTANTS, **BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES, **MODE_CONSTANTS}
     if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
         raise DeclarationError(f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number")

@@ -20,11 +20,12 @@ from sim.model import Model
 from sim.record import Hold
 from sim.system import System, compile_model
 from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import Flight, base_for, fly, fly_model
 
 ROOT = Path(__file__).parents[2]
-VEHICLES = (ShortPeriod(), Ballistic())
+VEHICLES = (ShortPeriod(), Loes(), Ballistic())
 CASES = [pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}") for vehicle in VEHICLES for effect in effects_for(vehicle)]
 EFFECTS = [pytest.param(effect, id=effect.name) for effect in library()]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)

@@ -35,6 +35,7 @@ class ElasticMode:
 
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
+    needs_constants: ClassVar[tuple[str, ...]] = ("chord",)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()

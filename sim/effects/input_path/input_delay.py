@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.effect import Effect, Regularity, Station
+from sim.maths import trailing
 from sim.parameters import Parameter
 
 
@@ -18,10 +19,12 @@ class InputDelay:
     """The vehicle feels an input ``delay`` seconds after the record shows it: u(t) -> u(t - delay).
 
     ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of
-    finite order: a filter takes it only with a delay that is held.
+    finite order: a filter takes it only with a delay that is held. With ``own_name`` the delay belongs to the vehicle's
+    model (the low-order equivalent system) and its full name is plain ``delay``.
     """
 
     signal: str = "elevator"
+    own_name: bool = False
 
     name: ClassVar[str] = "input-delay"
     station: ClassVar[Station] = Station.INPUT_PATH
@@ -35,6 +38,10 @@ class InputDelay:
         "most where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
     )
 
+    def rename(self, local: str) -> str:
+        """Full name of a parameter."""
+        return local if self.own_name else f"{self.name}.{local}"
+
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell, exact for an input that is constant within cells.
 
@@ -44,7 +51,7 @@ class InputDelay:
         """
         u, delay = np.asarray(u), np.asarray(p.delay)
         depth = max(delay.ndim, u.ndim - 1)
-        u, edges = _trailing(u, depth), _trailing(np.asarray(edges, dtype=float), depth)
+        u, edges = trailing(u, depth), trailing(np.asarray(edges, dtype=float), depth)
         width, last = edges[1:] - edges[:-1], len(u) - 1
         area = np.concatenate([np.zeros_like(u[:1]), np.cumsum(u * width, axis=0)])
         begin = edges[:-1] - delay
@@ -56,11 +63,6 @@ class InputDelay:
         flat = edges.ravel()
         excess = between - at_final * (flat[final] - flat[j + 1]) + (at_first - at_final) * (flat[j + 1] - begin)
         return at_final + np.where(k > j, excess, 0.0) / width
-
-
-def _trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """The row with its batch axes at the end of ``depth`` axes."""
-    return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
 
 VARIANTS: tuple[Effect, ...] = (InputDelay("elevator"),)
