@@ -6,11 +6,14 @@ condition, modal frequencies) come from its data file, every derivative from the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from ident.ekf import FilterSettings, run_ekf
-from ident.estimate import Estimate
+import numpy as np
+
+from ident.ekf import SETTLED, FilterSettings, run_ekf
+from ident.estimate import Estimate, Outcome
 from ident.transition import Exponential, Taylor
 from scenarios.declaration import Estimation, Start
 from scenarios.flying import STEPS
@@ -92,12 +95,8 @@ def filter_settings(estimation: Estimation) -> FilterSettings:
 def estimate_record(estimation: Estimation, record: Record, model: Model) -> Result:
     """Run an estimation on a record with a declared model."""
     system = compiled(estimation, model)
-    if estimation.method == "ekf":
-        estimate = run_ekf(record, system, filter_settings(estimation))
-    elif estimation.method == "ukf":
-        from ident.ukf import run_ukf
-
-        estimate = run_ukf(record, system, filter_settings(estimation))
+    if estimation.method in ("ekf", "ukf"):
+        estimate = _filtered(estimation, record, model)
     elif estimation.method == "output-error":
         from ident.output_error import FitSettings, fit_output_error
 
@@ -107,6 +106,34 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
         estimate = run_equation_error([record], system)
     return Result(estimation, record, estimate)
+
+
+def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
+    """The model started at an estimate, each free parameter with at most ``spread`` of its standard deviations."""
+    std = {name: min(model.parameters[name].prior_std, spread * float(sigma)) for name, sigma in zip(estimate.names, estimate.std, strict=True)}
+    return replace(model, parameters=model.parameters.with_values(estimate.as_dict()).with_prior(std))
+
+
+def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
+    """The filter of an estimation, in as many passes as it takes."""
+    if estimation.method == "ukf":
+        from ident.ukf import run_ukf as run
+    else:
+        run = run_ekf
+    settings = filter_settings(estimation)
+    if math.isinf(estimation.spread):
+        return run(record, compiled(estimation, model), settings)
+    once = replace(settings, passes=1)
+    estimate = run(record, compiled(estimation, model), once)
+    for done in range(1, estimation.passes):
+        if estimate.outcome is not Outcome.CONVERGED:
+            break
+        again = run(record, compiled(estimation, narrowed(model, estimate, estimation.spread)), once)
+        moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
+        estimate = replace(again, iterations=done + 1)
+        if moved < SETTLED:
+            break
+    return estimate
 
 
 def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float], place: str) -> None:

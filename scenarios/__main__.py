@@ -1,0 +1,5 @@
+"""`python -m scenarios` is `flightid`."""
+
+from scenarios.cli import main
+
+main()

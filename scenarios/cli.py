@@ -1,0 +1,131 @@
+"""The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="flightid",
+    help="Simulate a flight vehicle, identify it from its record, and trace what the model lacks.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
+Changes = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50.")]
+From = Annotated[float | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s.")]
+To = Annotated[float | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
+
+
+@app.callback()
+def options(debug: Annotated[bool, typer.Option("--debug", help="Show a traceback when something fails.")] = False) -> None:
+    """Simulate a flight vehicle, identify it from its record, and trace what the model lacks."""
+
+
+@app.command("list")
+def list_() -> None:
+    """Scenarios, one line each."""
+    from scenarios.commands.libraries import list_scenarios
+
+    list_scenarios()
+
+
+@app.command()
+def run(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Scenarios of the catalogue, or paths of scenario files.")],
+    seed: Seed = None,
+    out: Out = None,
+    changes: Changes = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+) -> None:
+    """Simulate, identify and compare: true, estimated, published."""
+    from scenarios.commands.run import run_scenarios
+
+    run_scenarios(names, seed, out, changes or [], figures)
+
+
+@app.command()
+def simulate(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A scenario.")],
+    out: Annotated[Path, typer.Option("--out", metavar="RECORD.csv", help="The file to write.")],
+    seed: Seed = None,
+    changes: Changes = None,
+) -> None:
+    """The record of a scenario alone."""
+    from scenarios.commands.run import simulate_scenario
+
+    simulate_scenario(name, out, seed, changes or [])
+
+
+@app.command()
+def identify(
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid or flexible.")],
+    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")],
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error or equation-error.")] = "output-error",
+    out: Out = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+) -> None:
+    """Parameters of a model from a measured record."""
+    from scenarios.commands.identify import identify_record
+
+    identify_record(record, model, vehicle, channels, start, stop, method, out, figures)
+
+
+@app.command()
+def campaign(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A scenario.")],
+    runs: Annotated[int, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")],
+    seed: Seed = None,
+    out: Out = None,
+    changes: Changes = None,
+) -> None:
+    """Monte Carlo: bias, scatter against reported sigma, coverage."""
+    from scenarios.commands.campaign import run_campaign
+
+    run_campaign(name, runs, seed, out, changes or [])
+
+
+@app.command()
+def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One effect, explained.")] = None) -> None:
+    """The library of effects."""
+    from scenarios.commands.libraries import show_effects
+
+    show_effects(name)
+
+
+@app.command()
+def vehicles(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One vehicle, number by number.")] = None,
+    other: Annotated[str | None, typer.Option("--diff", metavar="OTHER", help="What differs from another vehicle.")] = None,
+) -> None:
+    """The library of vehicles, every number with unit and origin."""
+    from scenarios.commands.libraries import show_vehicles
+
+    show_vehicles(name, other)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 1 anything else."""
+    given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    debug = "--debug" in given
+    try:
+        code = app(args=[text for text in given if text != "--debug"], standalone_mode=False)
+    except BaseException as error:
+        if debug and not isinstance(error, SystemExit):
+            raise
+        from scenarios.commands.failures import report
+
+        raise SystemExit(report(error)) from None
+    raise SystemExit(code if isinstance(code, int) else 0)

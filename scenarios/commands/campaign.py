@@ -1,0 +1,80 @@
+"""`flightid campaign`: Monte Carlo, printed and written."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.campaigns import Campaign, Spread, fly_campaign
+
+
+def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
+    from scenarios.library import load_scenario
+
+    campaign = fly_campaign(load_scenario(name, changes), runs, seed)
+    _print(campaign)
+    if out is not None:
+        _write(campaign, out)
+        print(f"written to {out}")
+
+
+def _print(campaign: Campaign) -> None:
+    from rich.table import Table
+
+    from scenarios.printing import console, number
+
+    terminal = console()
+    seeds = campaign.seeds
+    title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
+    table = Table(title=title, title_justify="left")
+    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported sigma", "within 2 sigma", "95 % interval of that"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
+    for s in (*campaign.spreads, campaign.pooled):
+        low, high = s.interval
+        share = f"{100 * s.within_two:.1f} %"
+        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported), share]
+        table.add_row(s.name, s.unit, *cells, f"{100 * low:.1f} to {100 * high:.1f} %")
+    terminal.print(table)
+    if campaign.broken:
+        terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
+
+
+def _write(campaign: Campaign, out: Path) -> None:
+    from scenarios.comparing import versions
+    from scenarios.files.folders import study_folder
+    from scenarios.files.writing import write_json
+
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column for name in campaign.names for column in (name, f"std_{name}")])
+        for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
+            writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
+        (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": campaign.scenario.name,
+            "first_seed": campaign.seeds[0],
+            "runs": len(campaign.seeds),
+            "broken": campaign.broken,
+            "parameters": {s.name: _spread(s) for s in campaign.spreads},
+            "pooled": {"within_two_sigma": campaign.pooled.within_two, "interval": list(campaign.pooled.interval)},
+            "versions": versions(),
+        }
+        write_json(scratch / "campaign.json", content)
+
+
+def _spread(s: Spread) -> dict[str, Any]:
+    return {
+        "unit": s.unit,
+        "reference": s.reference,
+        "bias": s.bias,
+        "scatter": s.scatter,
+        "reported_std": s.reported,
+        "within_two_sigma": s.within_two,
+        "interval": list(s.interval),
+    }

@@ -1,0 +1,45 @@
+"""Every failure as one line on stderr and an exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import Any
+
+from sim.errors import FlightidError
+
+
+def report(error: BaseException) -> int:
+    """Print one line for an error and return the exit code: 2 bad usage or input, 1 anything else, 0 a clean exit.
+
+    The command-line library's own errors are known by their form, for it ships click under changing names.
+    """
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else int(error.code is not None)
+    if isinstance(error, FlightidError):
+        return _say(str(error), 2)
+    if isinstance(error, BrokenPipeError):
+        return 1
+    name = type(error).__name__
+    if isinstance(error, KeyboardInterrupt) or name == "Abort":
+        return _say("stopped", 1)
+    if name == "NoArgsIsHelpError":
+        return _say("no command is given; see flightid --help", 2)
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+        return _say(_usage(error), 2)
+    if hasattr(error, "exit_code"):
+        return int(error.exit_code)
+    return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
+
+
+def _usage(error: Any) -> str:
+    text = error.format_message().rstrip(".")
+    command = getattr(getattr(error, "ctx", None), "command_path", None) or "flightid"
+    return f"{text[:1].lower()}{text[1:]}; see {' '.join(command.split())} --help"
+
+
+def _say(text: str, code: int) -> int:
+    line = " ".join(text.split())
+    with contextlib.suppress(BrokenPipeError):
+        print(f"flightid: {line.removeprefix('flightid: ')}", file=sys.stderr)
+    return code

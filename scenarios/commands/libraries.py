@@ -1,0 +1,75 @@
+"""`flightid list`, `flightid effects` and `flightid vehicles`: what is there."""
+
+from __future__ import annotations
+
+import textwrap
+
+
+def list_scenarios() -> None:
+    """Scenarios, one line each."""
+    from scenarios.library import scenario_names, scenario_title
+
+    names = scenario_names()
+    width = max(len(name) for name in names)
+    for name in names:
+        print(f"{name:{width}}  {scenario_title(name)}")
+
+
+def show_effects(name: str | None) -> None:
+    """All effects by station, or one in full."""
+    from sim.effects.library import effect_names, find_effect
+
+    if name is None:
+        names = effect_names()
+        width = max(len(each) for each in names)
+        for each in names:
+            effect = find_effect(each)
+            print(f"{each:{width}}  {effect.station.value:12}  {_first_sentence(effect.explanation)}")
+        return
+    effect = find_effect(name)
+    print(f"{effect.name}  ({effect.station.value})\n")
+    print(textwrap.fill(" ".join(effect.explanation.split()), 100))
+    print(f"\nabsent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}")
+    if effect.aliases:
+        print(f"hard to tell from {', '.join(effect.aliases)}")
+    print("\nparameters:")
+    for item in effect.parameters:
+        low, high = item.bounds
+        print(f"  {item.name:20} {item.unit:8} start {item.value:g}, from {low:g} to {high:g}")
+
+
+def show_vehicles(name: str | None, other: str | None) -> None:
+    """All vehicles, one number by number, or what differs between two."""
+    from scenarios.printing import console
+    from sim.errors import DeclarationError
+    from sim.vehicles.data import difference
+    from sim.vehicles.library import read_parameter_set, vehicle_names
+
+    if name is None:
+        if other is not None:
+            raise DeclarationError("--diff compares two vehicles", where="flightid vehicles", remedy="name one before it")
+        for each in vehicle_names():
+            data = read_parameter_set(each)
+            print(f"{each:20}  {data.title}")
+        return
+    from rich.table import Table
+
+    data = read_parameter_set(name)
+    if other is None:
+        table = Table(title=f"{name}: {data.title}\n{data.source}", title_justify="left")
+        for heading in ("parameter", "value", "unit", "as printed", "origin"):
+            table.add_column(heading, no_wrap=heading != "origin")
+        for n in (*data.numbers, *data.initial):
+            table.add_row(n.name, f"{n.value:.7g}", n.unit, n.printed, n.source)
+    else:
+        table = Table(title=f"{name} against {other}", title_justify="left")
+        for heading in ("parameter", "unit", name, other):
+            table.add_column(heading)
+        for d in difference(data, read_parameter_set(other)):
+            unit = (d.first or d.second).unit if d.first or d.second else ""
+            table.add_row(d.name, unit, "-" if d.first is None else f"{d.first.value:.7g}", "-" if d.second is None else f"{d.second.value:.7g}")
+    console().print(table)
+
+
+def _first_sentence(text: str) -> str:
+    return " ".join(text.split()).split(". ")[0].rstrip(".")

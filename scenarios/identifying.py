@@ -1,0 +1,116 @@
+"""Identification of a measured record: no truth, noise levels from the data themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.ekf import FilterSettings, run_ekf
+from ident.estimate import Estimate, Outcome
+from ident.modal import modal_estimate
+from ident.output_error import FitSettings, fit_output_error
+from ident.residuals import ResidualTest, residual_tests
+from scenarios.files.vehicles import VehicleFile
+from scenarios.run import Row
+from scenarios.vehicle_models import model_of_file
+from sim.errors import DeclarationError
+from sim.model import Model, Noise
+from sim.parameters import ParameterSet
+from sim.record import Record
+from sim.system import compile_model
+
+METHODS = ("ekf", "ukf", "output-error", "equation-error")
+FIT_STEP = 0.01
+PASSES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What a measured record says of a model."""
+
+    record: Record
+    vehicle: VehicleFile
+    method: str
+    estimate: Estimate
+    rows: tuple[Row, ...]
+    derived: dict[str, tuple[float, float]]
+    fixed: dict[str, tuple[float, str]]
+    tests: tuple[ResidualTest, ...]
+
+
+def identify(record: Record, vehicle: VehicleFile, method: str) -> Identification:
+    """Estimate a vehicle file's model from a record.
+
+    Each output but an altitude gets a constant bias, each record its own initial state. A filter takes its measurement
+    noise from the residual of an output-error fit, its initial state from the first samples, and is
+    iterated from its own result, because a file's starting values may be far off.
+
+    Raises
+    ------
+    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs.
+    """
+    if method not in METHODS:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    model = model_of_file(vehicle)
+    outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
+    biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
+    # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
+    settings = FitSettings(FIT_STEP, use_priors=bool(vehicle.modes))
+    if method == "equation-error":
+        from ident.equation_error import run_equation_error
+
+        system = compile_model(biased, outputs)
+        estimate = run_equation_error([record], system)
+    else:
+        system = compile_model(biased, outputs)
+        estimate = fit_output_error([record], system, settings)
+    if method in ("ekf", "ukf"):
+        prepared = _for_filter(biased, record, outputs, estimate)
+        system = compile_model(prepared, outputs, online=True)
+        if method == "ekf":
+            estimate = run_ekf(record, system, FilterSettings(passes=PASSES))
+        else:
+            from ident.ukf import run_ukf
+
+            estimate = run_ukf(record, system, FilterSettings(passes=PASSES))
+    rows = tuple(
+        Row(name, unit, float(value), float(std))
+        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    )
+    z, valid = record.output_array(estimate.output_names)
+    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    derived = {} if vehicle.model == "ballistic" or not np.all(np.isfinite(estimate.values)) else modal_estimate(system, estimate)
+    fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
+    return Identification(record, vehicle, method, estimate, rows, derived, fixed, tests)
+
+
+def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
+    """Noise, initial state and bias priors for a filter, from the record alone."""
+    std, spread = {}, {}
+    for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
+        channel = record[name]
+        values = channel.values[channel.valid]
+        spread[name] = max(float(np.std(values)), 1e-12)
+        sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
+        std[name] = float(fitted) if sound else 0.1 * spread[name]
+    states = []
+    for item in model.initial:
+        value, prior = _first_state(item.name, record, outputs, std, spread)
+        states.append(replace(item, value=value, prior_std=prior))
+    priors = {f"bias_{name}": 3.0 * spread[name] for name in model.biases}
+    return replace(model, initial=ParameterSet(tuple(states)), parameters=model.parameters.with_prior(priors), noise=Noise(std))
+
+
+def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:
+    if name in outputs:
+        channel = record[name]
+        first = float(channel.values[channel.valid][0])
+        return first, max(3.0 * std[name], 0.05 * spread[name]) if name != "altitude" else 3.0 * std[name]
+    if name == "velocity" and "altitude" in outputs:
+        channel = record["altitude"]
+        t, h = record.time[channel.valid], channel.values[channel.valid]
+        early = max(3, min(len(t), int(np.searchsorted(t, t[0] + 0.1 * (t[-1] - t[0])))))
+        slope = float(np.polyfit(t[:early] - t[0], h[:early], 1)[0])
+        return slope, max(0.1 * abs(slope), 4.0 * std["altitude"] / max(t[early - 1] - t[0], 1e-9))
+    return 0.0, 1.0

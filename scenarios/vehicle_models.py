@@ -1,0 +1,42 @@
+"""From a user's vehicle file to the model it declares: constants held, derivatives free, started where the file says."""
+
+from __future__ import annotations
+
+from scenarios.files.vehicles import VehicleFile
+from sim.model import Model
+from sim.parameters import ParameterSet
+from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
+
+# The vehicle file speaks of frequency and damping; the equations of omega and zeta.
+FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
+RELATIVE_PRIOR = 0.5
+
+
+def model_of_file(vehicle: VehicleFile) -> Model:
+    """The declared model of a vehicle file for ``ballistic``, ``rigid`` or ``flexible``.
+
+    Each free parameter gets a prior standard deviation of half its starting value (files may be 30 % wrong), for
+    filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
+    """
+    values = {**vehicle.derivatives}
+    constants = {**vehicle.constants}
+    for number, mode in vehicle.modes:
+        for name, value in mode.items():
+            if name in FILE_NAMES:
+                constants[f"{FILE_NAMES[name]}{number}"] = value
+            else:
+                values[name] = value
+    kind = "ballistic" if vehicle.model == "ballistic" else "rigid"
+    model = model_from_constants(kind, constants, values, modes=len(vehicle.modes))
+    free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
+    parameters = model.parameters.only_free(free)
+    typical = max((abs(parameters[name].value) for name in free), default=1.0)
+    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or 0.01 * typical) for name in free}
+    return model.with_parameters(ParameterSet(tuple(parameters.with_prior(prior))))
+
+
+def _coupling(name: str, modes: int) -> bool:
+    """Couplings between two modes are held at what the file says."""
+    return any(name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}") for i in range(1, modes + 1) for j in range(1, modes + 1) if i != j) or any(
+        name == f"{local}{i}" for local in MODE_CONSTANTS for i in range(1, modes + 1)
+    )
