@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.maths import trailing
 from sim.record import Hold
 from sim.system import System
 
@@ -129,7 +130,7 @@ def _changed_by_input_path(linear: Drive, system: System, p: Any, rows: list[Any
     edges = cell_edges(grid)
     cells = [0.5 * (a[:-1] + a[1:]) for a in (_prolonged(edges, time, row) for row in rows)]
     acted = system.input_path(p, cells, edges)
-    change = [_by_step(after - _deep(before, np.ndim(after)), grid) for after, before in zip(acted, cells, strict=True)]
+    change = [_by_step(after - trailing(before, np.ndim(after) - 1), grid) for after, before in zip(acted, cells, strict=True)]
     means, first, last = [_mean(c[:-1]) for c in change], [c[:, 0] for c in change], [c[:-1, -1] for c in change]
     start, middle, end = (_sum(stage, means) for stage in linear.stages)
     return Drive((start, middle, end), _sum(linear.begin, first), _sum(linear.end, last))
@@ -141,9 +142,5 @@ def _prolonged(edges: np.ndarray, time: np.ndarray, row: np.ndarray) -> np.ndarr
     return np.interp(edges, np.append(time, edges[-1]), np.append(row, further))
 
 
-def _deep(row: np.ndarray, ndim: int) -> np.ndarray:
-    return row.reshape(row.shape + (1,) * (ndim - row.ndim))
-
-
 def _sum(rows: list[Any], added: list[np.ndarray]) -> list[Any]:
-    return [_deep(row, more.ndim) + more for row, more in zip(rows, added, strict=True)]
+    return [trailing(row, more.ndim - 1) + more for row, more in zip(rows, added, strict=True)]

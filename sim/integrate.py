@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim.grid import Drive, Grid
+from sim.maths import trailing
 from sim.system import System
 
 Rates = Callable[[Any, Sequence[Any], Sequence[Any], Sequence[Any]], list[Any]]
@@ -92,14 +93,10 @@ def _per_step(row: Any) -> Any:
 def _outputs(system: System, p: Sequence[Any], times: np.ndarray, x: Sequence[Any], u: Sequence[Any]) -> list[np.ndarray]:
     """Outputs at many times at once, each ``(n, ...)``: time leads, batch axes trail."""
     batch = np.broadcast_shapes(*(np.shape(r)[1:] for r in [*x, *u]), *(np.shape(v) for v in p))
-    depth = len(batch) + 1
-    rows = [_deep(row, depth) for row in [*x, *u]]
-    y = system.h(_deep(times, depth), rows[: len(x)], rows[len(x) :], [np.asarray(v)[None] if np.ndim(v) else v for v in p])
+    depth = len(batch)
+    rows = [trailing(row, depth) for row in [*x, *u]]
+    y = system.h(trailing(times, depth), rows[: len(x)], rows[len(x) :], [np.asarray(v)[None] if np.ndim(v) else v for v in p])
     return [
-        np.broadcast_to(_deep(np.asarray(value), depth), (len(times), *batch)) if np.ndim(value) else np.full((len(times), *batch), value)
+        np.broadcast_to(trailing(np.asarray(value), depth), (len(times), *batch)) if np.ndim(value) else np.full((len(times), *batch), value)
         for value in y
     ]
-
-
-def _deep(row: np.ndarray, depth: int) -> np.ndarray:
-    return row.reshape(row.shape + (1,) * (depth - row.ndim))

@@ -135,3 +135,8 @@ def linear_recurrence(a: np.ndarray, b: np.ndarray, start: Any) -> np.ndarray:
     for k in range(n):
         y[k + 1] = a[k] * y[k] + b[k]
     return y
+
+
+def trailing(row: np.ndarray, depth: int) -> np.ndarray:
+    """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)`` to ``(n, 1, ..., ...)``."""
+    return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])

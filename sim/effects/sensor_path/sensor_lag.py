@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import linear_recurrence, real, where
+from sim.maths import linear_recurrence, real, trailing, where
 from sim.parameters import Parameter
 
 
@@ -56,7 +56,7 @@ class SensorLag:
         """
         begin, end, lag = np.asarray(begin), np.asarray(end), np.asarray(p.time_constant)
         depth = max(lag.ndim, begin.ndim - 1)
-        begin, end, h = _trailing(begin, depth), _trailing(end, depth), _trailing(np.asarray(steps), depth)
+        begin, end, h = trailing(begin, depth), trailing(end, depth), trailing(np.asarray(steps), depth)
         # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
         acts = lag.real > 0
         decay = np.where(acts, np.exp(-h / np.where(acts, lag, 1.0)), 0.0)
@@ -71,11 +71,6 @@ class SensorLag:
 
     def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
         return where(real(p.time_constant) > 0, x[0], v)
-
-
-def _trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """The row with its batch axes at the end of ``depth`` axes."""
-    return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
 
 VARIANTS: tuple[Effect, ...] = tuple(SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude"))
