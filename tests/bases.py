@@ -41,7 +41,7 @@ LOES_VALUES = {
     "L_q": 1.01,
     "M_q": -3.0,
     "inv_tau": 10.6,
-    "delay": 0.125,  # a whole number of sub-steps: the input then jumps between steps, and integrators keep their order
+    "delay": 0.12,  # a whole number of sub-steps: the input then jumps between steps, and integrators keep their order
 }
 BALLISTIC_VALUES = {"air_density_reference": 1.752, "density_scale_height": 6705.6, "gravity": 9.80665, "beta": 2441.2}
 
@@ -89,7 +89,7 @@ def rigid_flight(duration: float = 6.0, rate: float = 50.0) -> Flight:
     return Flight(time, three_two_one_one(time)[None])
 
 
-def loes_flight(duration: float = 8.0, rate: float = 40.0) -> Flight:
+def loes_flight(duration: float = 8.0, rate: float = 50.0) -> Flight:
     """A 3-2-1-1 of one unit of stick."""
     time = np.arange(round(duration * rate) + 1) / rate
     return Flight(time, three_two_one_one(time, size=1.0)[None])
