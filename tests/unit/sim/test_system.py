@@ -46,6 +46,23 @@ class Scale:
 
 
 @dataclass(frozen=True)
+class Squaring:
+    """A sensor on the grid of sub-steps that is not linear, for these tests."""
+
+    channel: str = "q"
+    name: ClassVar[str] = "sensor-squaring"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = "y -> y^2"
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        return begin**2, end**2
+
+
+@dataclass(frozen=True)
 class Lag:
     """An input lag with a state form, for these tests."""
 
@@ -143,13 +160,13 @@ def test_a_sensor_of_an_output_that_is_not_wanted_is_left_out() -> None:
 
 
 def test_biases_add_to_what_the_sensors_pass_on() -> None:
-    model = rigid_model().with_biases(["q"]).with_effects(Scale(), SensorLag("q"))
-    system = compile_model(model)
+    system = compile_model(rigid_model().with_biases(["q"]).with_effects(Scale(), Squaring()))
     p = at(system, bias_q=0.5)
-    assert system.h(0.0, [0.0, 0.2], [0.0], p)[1] == pytest.approx(3.0 * 0.2 + 0.5)
-    # A bias is no signal that a lag could delay: with an empty channel the reading is the bias throughout.
-    begin, _ = system.sensor_path(p, [np.zeros(4), np.full(4, 0.5), np.zeros(4)], [np.zeros(3), np.full(3, 0.5), np.zeros(3)], np.full(3, 0.01))
-    np.testing.assert_array_equal(begin[1], 0.5)
+    (_, q, _) = system.h(0.0, [0.0, 0.2], [0.0], p)
+    assert q == pytest.approx(3.0 * 0.2 + 0.5)
+    begin, end = system.sensor_path(p, [np.zeros(4), np.full(4, q), np.zeros(4)], [np.zeros(3), np.full(3, q), np.zeros(3)], np.full(3, 0.01))
+    np.testing.assert_allclose(begin[1], (3.0 * 0.2) ** 2 + 0.5, rtol=1e-14)
+    np.testing.assert_allclose(end[1], (3.0 * 0.2) ** 2 + 0.5, rtol=1e-14)
 
 
 def test_readings_and_modes_and_gusts_meet_on_the_bus() -> None:
