@@ -80,8 +80,11 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     return estimate
 
 
-def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None) -> Estimate:
-    """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
+def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
+    """One pass of the filter over a prepared problem, from ``start (n,)`` when given.
+
+    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate.
+    """
     from filterpy.kalman import ExtendedKalmanFilter
 
     grid, n_x, n = problem.grid, len(problem.system.states), len(problem.names)
@@ -96,13 +99,15 @@ def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.nd
     with np.errstate(all="ignore"):
         for k in range(len(problem.time)):
             Phi = np.eye(n)
+            point = None if about is None or not k else about[:, k - 1].copy()
             try:
                 if k:
                     for s in range(samples[k - 1], samples[k]):
                         u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                        Phi = _predict(ekf, problem, settings, times[s], u, steps[s], n_x) @ Phi
+                        Phi = _predict(ekf, problem, settings, times[s], u, steps[s], point) @ Phi
                 keeper.predicted(k, ekf.x[:, 0], ekf.P, Phi)
-                trouble = _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, keeper)
+                here = None if about is None else about[:, k]
+                trouble = _update(ekf, problem, times[samples[k]], [row[k] for row in feed], k, keeper, here)
             except (ArithmeticError, ValueError):  # what math and linear algebra raise where arrays would turn infinite
                 trouble = Outcome.DIVERGED
             if trouble is not None:
@@ -111,33 +116,44 @@ def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.nd
     return keeper.estimate("ekf", Outcome.CONVERGED)
 
 
-def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float, n_x: int) -> np.ndarray:
-    """Move mean and covariance over one sub-step; returns the fundamental matrix."""
-    system, p, free = problem.system, problem.p, problem.free
-    mean = ekf.x[:, 0].tolist()
+def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float, point: np.ndarray | None) -> np.ndarray:
+    """Move mean and covariance over one sub-step; returns the fundamental matrix. ``point (n,)`` to linearise at moves along."""
+    system, p, free, n_x = problem.system, problem.p, problem.free, len(problem.system.states)
+    at = (ekf.x[:, 0] if point is None else point).tolist()
     F = np.zeros_like(ekf.P)
-    F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), mean)
+    F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), at)
     Phi, noise = settings.transition(F, problem.density, dt)
-    ekf.x[:n_x, 0] = settings.step(system.f, t, mean[:n_x], u, with_free(p, free, mean[n_x:]), dt)
+    moved = settings.step(system.f, t, at[:n_x], u, with_free(p, free, at[n_x:]), dt)
+    if point is None:
+        ekf.x[:n_x, 0] = moved
+    else:
+        away = ekf.x[:, 0] - point
+        point[:n_x] = moved
+        ekf.x[:, 0] = point + Phi @ away
     ekf.P = Phi @ ekf.P @ Phi.T + noise
     ekf.P = 0.5 * (ekf.P + ekf.P.T)
     return Phi
 
 
-def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper) -> Outcome | None:
+def _update(
+    ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper, point: np.ndarray | None
+) -> Outcome | None:
     """filterpy's Joseph update with the channels that have a sample; how it broke down, if it did."""
     n_x = len(problem.system.states)
 
     def outputs(a: list[Any]) -> list[Any]:
         return problem.system.h(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:]))
 
-    expected = np.array(outputs(ekf.x[:, 0].tolist()))
+    at = (ekf.x[:, 0] if point is None else point).tolist()
+    expected = np.array(outputs(at))
+    if point is not None:
+        expected = expected + complex_step_jacobian(outputs, at) @ (ekf.x[:, 0] - point)
     rows = np.flatnonzero(problem.valid[:, k])
     log_likelihood = nis = 0.0
     if rows.size:
         ekf.update(
             problem.z[rows, k].reshape(-1, 1),
-            lambda x: complex_step_jacobian(outputs, x[:, 0].tolist())[rows],
+            lambda x: complex_step_jacobian(outputs, at)[rows],
             lambda x: expected[rows].reshape(-1, 1),
             R=np.diag(problem.variance[rows]),
         )

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.ekf import FilterSettings, run_ekf
+from ident.ekf import FilterSettings
 from ident.estimate import Estimate, Outcome
+from ident.iterated import run_iterated_ekf
 from ident.modal import modal_estimate
 from ident.output_error import FitSettings, fit_output_error
 from ident.residuals import ResidualTest, residual_tests
@@ -69,7 +70,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
         prepared = _for_filter(biased, record, outputs, estimate)
         system = compile_model(prepared, outputs, online=True)
         if method == "ekf":
-            estimate = run_ekf(record, system, FilterSettings(passes=PASSES))
+            estimate = run_iterated_ekf(record, system)
         else:
             from ident.ukf import run_ukf
 
