@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.keeping import HistoryKeeper, breakdown
+from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.transition import Taylor, Transition, log_gaussian
 from sim.integrate import Step, rk4_step
@@ -96,7 +96,7 @@ def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.nd
     times, steps, samples = grid.edges.tolist(), grid.steps.tolist(), grid.sample.tolist()
     keeper = HistoryKeeper(problem)
 
-    with np.errstate(all="ignore"):
+    with quiet_numerics():
         for k in range(len(problem.time)):
             Phi = np.eye(n)
             point = None if about is None or not k else about[:, k - 1].copy()

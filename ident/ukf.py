@@ -18,7 +18,7 @@ import numpy as np
 
 from ident.ekf import SETTLED, FilterSettings
 from ident.estimate import Estimate, Outcome
-from ident.keeping import HistoryKeeper, breakdown
+from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.smoother import scaled_pseudo_inverse
 from ident.transition import log_gaussian
@@ -78,7 +78,7 @@ def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarra
     ukf = UnscentedKalmanFilter(dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points)
     ukf.x, ukf.P = start.astype(float), problem.covariance.copy()
     keeper = HistoryKeeper(problem)
-    with np.errstate(all="ignore"):
+    with quiet_numerics():
         for k in range(len(problem.time)):
             G = np.eye(n)
             try:
