@@ -1,0 +1,147 @@
+"""Errors of estimates in their own standard deviations, ours beside published ones; equivalent derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from scenarios.plots.display import axis_label, display_unit, plain, signed, symbol
+from scenarios.plots.style import (
+    BLACK,
+    BLUE,
+    LABEL_SIZE,
+    LIGHT,
+    TICK_SIZE,
+    TRUE,
+    VERMILION,
+    WIDTH,
+    ZERO,
+    caption,
+    finish,
+    make_sheet,
+    text_width,
+)
+
+CLIP = 8.0  # standard deviations; an error beyond becomes an arrow with its size
+_OURS, _PUBLISHED = 0.17, -0.17  # offsets within a row
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """One parameter: true value, estimate, standard deviation and, where there is one, the published value with its own.
+
+    All in one unit. ``label`` is shown instead of the name's symbol, e.g. to tell methods apart.
+    """
+
+    name: str
+    true: float
+    estimate: float
+    std: float
+    published: float | None = None
+    published_std: float | None = None
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class EquivalentRow:
+    """One derivative of one flexible aircraft: rigid, statically condensed and estimated value, all in ``unit``."""
+
+    aircraft: str
+    name: str
+    unit: str
+    rigid: float
+    condensed: float
+    estimate: float
+    std: float
+    published: float | None = None
+    published_std: float | None = None
+
+
+def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
+    """The error of each parameter, estimate minus true, in the standard deviations that its method itself states.
+
+    The band of two is shaded. Errors in per cent stand at the right: a method that states a large deviation is
+    not near the truth for being within it. A published value without a deviation has its per cent only.
+    """
+    n = len(rows)
+    labels = [plain(row.label) if row.label else symbol(row.name) for row in rows]
+    left = min(2.4, max([1.0, *(text_width(label) + 0.2 for label in labels)]))
+    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=1.85)
+    panel = sheet.panels[0]
+    first, second = (1.0 + inches / (WIDTH - sheet.left - sheet.right) for inches in (0.8, 1.65))  # right edges of the columns of errors
+    panel.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
+    panel.axvline(0.0, **ZERO)
+    has_published = any(row.published is not None for row in rows)
+    heading = n - 0.35
+    for x, text, colour in ((first, "this study", BLUE), (second, "published", VERMILION)):
+        if has_published or colour == BLUE:
+            panel.text(x, heading, text, transform=panel.get_yaxis_transform(), ha="right", va="bottom", fontsize=TICK_SIZE, color=colour)
+    for place, row in enumerate(rows):
+        y = float(n - 1 - place)
+        offset = _OURS if has_published else 0.0
+        if row.std > 0:
+            _point(panel, (row.estimate - row.true) / row.std, y + offset, "o", BLUE, "this study")
+        _percent(panel, first, y, row.estimate, row.true, BLUE)
+        if row.published is not None:
+            if row.published_std is not None and row.published_std > 0:
+                _point(panel, (row.published - row.true) / row.published_std, y + _PUBLISHED, "s", VERMILION, "published")
+            _percent(panel, second, y, row.published, row.true, VERMILION)
+    panel.set_yticks(range(n), labels[::-1])
+    panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
+    panel.set_ylim(-0.55, n - 0.45)
+    panel.set_xlim(-CLIP - 1.0, CLIP + 1.0)
+    panel.set_xticks(np.arange(-CLIP, CLIP + 1.0, 2.0))
+    panel.set_xlabel("error in its own standard deviations (σ)", fontsize=LABEL_SIZE)
+    return finish(sheet, title, head=0.22)
+
+
+def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure:
+    """Equivalent derivatives, one panel each: rigid value (dashed), condensed, estimated and published for each aircraft.
+
+    Bars are two standard deviations; where one is not seen it is smaller than its mark.
+    """
+    names, aircraft = list(dict.fromkeys(row.name for row in rows)), list(dict.fromkeys(row.aircraft for row in rows))
+    columns = min(3, max(len(names), 1))
+    sheet = make_sheet([1.45] * -(-len(names) // columns), (1.0,) * columns, count=len(names), row_gap=0.38, column_gap=0.55, left=0.6)
+    for name, panel in zip(names, sheet.panels, strict=True):
+        of_name = [row for row in rows if row.name == name]
+        unit = display_unit(of_name[0].unit)
+        caption(panel, axis_label(name, unit))
+        for row in of_name:
+            x = float(aircraft.index(row.aircraft))
+            panel.plot([x - 0.4, x + 0.4], [unit.factor * row.rigid] * 2, label="rigid, true", **TRUE)
+            panel.plot([x - 0.2], [unit.factor * row.condensed], "D", color=BLACK, markersize=4.5, label="condensed")
+            _bar(panel, x, row.estimate, row.std, unit.factor, "o", BLUE, "estimated ±2σ")
+            if row.published is not None:
+                _bar(panel, x + 0.2, row.published, row.published_std, unit.factor, "s", VERMILION, "published ±2σ")
+        panel.set_xticks(range(len(aircraft)), [plain(name) for name in aircraft])
+        panel.set_xlim(-0.6, len(aircraft) - 0.4)
+        panel.grid(False, axis="x")
+        panel.margins(y=0.12)
+    return finish(sheet, title, bottom=0.3, head=0.24)
+
+
+def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label: str) -> None:
+    """A mark at the error, or an arrow at the edge with the error's size."""
+    if abs(error) <= CLIP:
+        panel.plot([error], [y], marker=marker, color=colour, markersize=5.5, linestyle="none", label=label)
+        return
+    side = float(np.sign(error))
+    panel.plot([side * (CLIP + 0.6)], [y], marker=">" if side > 0 else "<", color=colour, markersize=6.0, linestyle="none")
+    panel.plot([], [], marker=marker, color=colour, markersize=5.5, linestyle="none", label=label)
+    text = f"{signed(error, '.0f' if abs(error) < 1e4 else '.0e')} σ"
+    panel.text(side * (CLIP + 0.15), y, text, ha="right" if side > 0 else "left", va="center", fontsize=TICK_SIZE, color=colour)
+
+
+def _percent(panel: Axes, x: float, y: float, value: float, true: float, colour: str) -> None:
+    text = f"{signed(100.0 * (value - true) / abs(true), '.3g')} %" if true else "–"
+    panel.text(x, y, text, transform=panel.get_yaxis_transform(), ha="right", va="center", fontsize=TICK_SIZE, color=colour)
+
+
+def _bar(panel: Axes, x: float, value: float, std: float | None, factor: float, marker: str, colour: str, label: str) -> None:
+    bar = None if std is None else [2.0 * factor * std]
+    panel.errorbar([x], [factor * value], yerr=bar, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, label=label)

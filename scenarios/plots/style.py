@@ -1,0 +1,202 @@
+"""The one look of all figures: sizes for print at 100 %, colours that colour-blind readers can tell apart, a sheet of panels.
+
+Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known beforehand.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+from scenarios.plots.display import plain
+from sim.errors import ModelError
+
+DPI = 110
+WIDTH = 7.0  # inches, the text width of an A4 page
+TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 10.0, 9.0, 8.0
+
+# Okabe and Ito's palette, without its yellow.
+BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
+BLACK, GREY, LIGHT = "#000000", "#7F7F7F", "#D9D9D9"
+_METHODS = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"))
+
+MEASURED: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 3.0, "markeredgewidth": 0.0, "linestyle": "none"}
+TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 1.0}
+ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
+
+_UNSEEN = str.maketrans("", "", "${}_^")
+_SMALL = 4.0  # points; a mark below it is enlarged in the legend
+_TITLE, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.28, 0.2, 0.066, 0.55  # inches
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A figure under construction: a grid of panels in rows, filled along the rows; sizes in inches."""
+
+    figure: Figure
+    axes: tuple[tuple[Axes, ...], ...]
+    heights: tuple[float, ...]
+    widths: tuple[float, ...]
+    column_gap: float
+    row_gap: float
+    left: float
+    right: float
+
+    @property
+    def panels(self) -> tuple[Axes, ...]:
+        """All panels in the order of reading."""
+        return tuple(axes for row in self.axes for axes in row)
+
+
+def method_style(number: int) -> dict[str, Any]:
+    """Colour and line style of the method with this number; they repeat after six."""
+    colour, line = _METHODS[number % len(_METHODS)]
+    return {"color": colour, "linestyle": line, "linewidth": 1.2}
+
+
+def make_sheet(
+    heights: Sequence[float],
+    widths: Sequence[float] = (1.0,),
+    *,
+    count: int | None = None,
+    share_x: bool = True,
+    column_gap: float = 0.75,
+    row_gap: float = 0.12,
+    left: float = 0.72,
+    right: float = 0.15,
+) -> Sheet:
+    """Panels with rows of the given heights (inches) and columns of the given proportions.
+
+    ``count`` leaves the last places of the last row empty. With ``share_x`` the panels of a column have one x axis, with
+    numbers at the lowest only. ``finish`` must follow. Raises ModelError when there is no panel.
+    """
+    rows, columns = len(heights), len(widths)
+    total = rows * columns if count is None else count
+    if total < 1:
+        raise ModelError("there is nothing to draw", where="figure", remedy="give it at least one result")
+    figure = Figure(figsize=(WIDTH, 1.0), dpi=DPI, facecolor="white")
+    axes: list[tuple[Axes, ...]] = []
+    for row in range(rows):
+        line = []
+        for column in range(min(columns, total - row * columns)):
+            # Rectangles that differ: equal ones would be taken for the same axes; finish() sets the real ones.
+            panel = figure.add_axes((0.01 * column, 0.01 * row, 0.5, 0.5), sharex=axes[0][column] if share_x and row else None)
+            _dress(panel)
+            lowest = not share_x or (row + 1) * columns + column >= total
+            panel.tick_params(labelbottom=lowest)
+            panel.xaxis.get_offset_text().set_visible(lowest)
+            line.append(panel)
+        axes.append(tuple(line))
+    return Sheet(figure, tuple(axes), tuple(heights), tuple(widths), column_gap, row_gap, left, right)
+
+
+def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 0.08, legend: bool = True) -> Figure:
+    """Place the panels, with the title and one legend of everything labelled above them, where it covers nothing.
+
+    ``bottom`` and ``head`` (inches) are kept free for the labels below the last and above the first row.
+    """
+    figure = sheet.figure
+    handles = _labelled(sheet) if legend else {}
+    inner = WIDTH - sheet.left - sheet.right
+    columns = _legend_columns(list(handles), WIDTH - 0.3)
+    legend_height = -(-len(handles) // columns) * _LEGEND_ROW + 0.06 if handles else 0.0
+    title_height = _TITLE if title else 0.0
+    body = sum(sheet.heights) + sheet.row_gap * (len(sheet.heights) - 1)
+    height = bottom + body + head + legend_height + title_height + 0.04
+    figure.set_size_inches(WIDTH, height)
+    scale = (inner - sheet.column_gap * (len(sheet.widths) - 1)) / sum(sheet.widths)
+    y = bottom + body
+    for row_height, row in zip(sheet.heights, sheet.axes, strict=True):
+        y -= row_height
+        x = sheet.left
+        for share, panel in zip(sheet.widths, row, strict=False):
+            panel.set_position((x / WIDTH, y / height, share * scale / WIDTH, row_height / height))
+            x += share * scale + sheet.column_gap
+        y -= sheet.row_gap
+    for row in sheet.axes:
+        if len(row) > 0 and row[0].get_ylabel():
+            for panel in row:
+                panel.yaxis.set_label_coords(-(0.56 if panel is row[0] else 0.48) / (panel.get_position().width * WIDTH), 0.5)
+    if title:
+        figure.text(0.15 / WIDTH, 1.0 - 0.08 / height, plain(title), fontsize=TITLE_SIZE, fontweight="bold", va="top", ha="left")
+    if handles:
+        drawn = figure.legend(
+            list(handles.values()),
+            list(handles),
+            loc="upper left",
+            bbox_to_anchor=(0.15 / WIDTH, 1.0 - (title_height + 0.06) / height),
+            ncols=columns,
+            frameon=False,
+            fontsize=TICK_SIZE,
+            borderaxespad=0.0,
+            borderpad=0.0,
+            labelspacing=0.3,
+            handlelength=2.2,
+            columnspacing=1.6,
+        )
+        for handle in drawn.legend_handles:
+            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALL:
+                handle.set_markersize(2.5 * handle.get_markersize())
+    return figure
+
+
+def text_width(text: str, points: float = LABEL_SIZE) -> float:
+    """About how wide a text is, inches; the commands of mathtext count as one character each."""
+    return _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+
+
+def time_axis(panel: Axes) -> None:
+    """Label the x axis as time."""
+    panel.set_xlabel("time (s)", fontsize=LABEL_SIZE)
+
+
+def y_label(panel: Axes, text: str, size: float = LABEL_SIZE) -> None:
+    """Label the y axis."""
+    panel.set_ylabel(text, fontsize=size)
+
+
+def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
+    """A short line above a panel, at its left."""
+    panel.set_title(text, fontsize=size, loc="left", pad=3.0, y=1.0)
+
+
+def _dress(panel: Axes) -> None:
+    panel.grid(True, color=LIGHT, linewidth=0.5)
+    panel.set_axisbelow(True)
+    panel.tick_params(labelsize=TICK_SIZE, length=2.5, width=0.6)
+    for side, spine in panel.spines.items():
+        spine.set_linewidth(0.6)
+        spine.set_visible(side in ("left", "bottom"))
+    panel.set_title("", loc="left", y=1.0)  # a title at a stated height: looking for a free one is half the cost of drawing
+    for axis, bins in ((panel.xaxis, 8), (panel.yaxis, 5)):
+        formatter = ScalarFormatter(useOffset=axis is panel.xaxis, useMathText=False)
+        formatter.set_powerlimits((-3, 5))
+        axis.set_major_formatter(formatter)
+        axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))
+        axis.get_offset_text().set_fontsize(TICK_SIZE)
+    # A power of ten stands above the numbers, clear of the caption.
+    panel.yaxis.get_offset_text().set_horizontalalignment("right")
+    panel.yaxis.get_offset_text().set_x(-0.02)
+
+
+def _labelled(sheet: Sheet) -> dict[str, Any]:
+    handles: dict[str, Any] = {}
+    for panel in sheet.panels:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    return handles
+
+
+def _legend_columns(labels: Sequence[str], width: float) -> int:
+    """As many columns as fit side by side by an estimate of the labels' length."""
+    if not labels:
+        return 1
+    widths = [text_width(label, TICK_SIZE) + _HANDLE for label in labels]
+    return len(labels) if sum(widths) <= width else max(1, int(width / max(widths)))
