@@ -1,0 +1,63 @@
+"""Symbols, units and numbers as figures write them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.mathtext import MathTextParser
+
+from scenarios.plots.display import POUNDS_PER_SQUARE_FOOT, DisplayUnit, axis_label, display_unit, scaled_unit, signed, symbol
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("alpha", r"$\alpha$"),
+        ("CL_alpha", r"$C_{L\alpha}$"),
+        ("Cm_de", r"$C_{m\delta e}$"),
+        ("CL_eta1", r"$C_{L\eta 1}$"),
+        ("Cm_etadot12", r"$C_{m\dot{\eta} 12}$"),
+        ("Ceta2_eta1", r"$C^{\eta 2}_{\eta 1}$"),
+        ("M_delta", r"$M_{\delta}$"),
+        ("L_0", "$L_{0}$"),
+        ("bias_alpha", r"bias of $\alpha$"),
+        ("input-delay.delay", "input-delay.delay"),
+        ("CL_what", "CL_what"),
+        ("a$b", r"a\$b"),
+    ],
+)
+def test_symbol(name: str, expected: str) -> None:
+    assert symbol(name) == expected
+
+
+@given(st.text(alphabet="CLmeta_0123456789dotqx$.:-", min_size=1, max_size=14))
+def test_every_symbol_can_be_set(name: str) -> None:
+    MathTextParser("agg").parse(symbol(name))
+
+
+def test_angles_are_shown_in_degrees_and_derivatives_are_not() -> None:
+    assert display_unit("rad/s") == DisplayUnit("deg/s", 180.0 / math.pi)
+    assert display_unit("1/rad") == DisplayUnit("1/rad")
+    assert display_unit("kg m2").text == "kg m²"
+    assert axis_label("CL_eta1", display_unit("1")).endswith("(–)")
+    assert display_unit("in").factor == 1.0
+
+
+def test_pound_per_square_foot() -> None:
+    assert 4.88243 * POUNDS_PER_SQUARE_FOOT.factor == pytest.approx(1.0, rel=1e-6)
+
+
+@given(st.floats(1e-25, 1e25))
+def test_scaled_unit_keeps_the_value_and_leaves_few_digits(size: float) -> None:
+    unit = scaled_unit(DisplayUnit("m"), size)
+    shown = size * unit.factor
+    assert 0.02 <= shown < 2e4
+    power = round(math.log10(unit.factor))
+    assert unit.text == ("m" if power == 0 else f"10{str(-power).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))} m")
+
+
+def test_signed() -> None:
+    assert (signed(-12.34, ".1f"), signed(3.0, ".0f")) == ("−12.3", "+3")
