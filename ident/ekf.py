@@ -87,7 +87,7 @@ def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.nd
     """
     from filterpy.kalman import ExtendedKalmanFilter
 
-    grid, n_x, n = problem.grid, len(problem.system.states), len(problem.names)
+    grid, n = problem.grid, len(problem.names)
     ekf = ExtendedKalmanFilter(dim_x=n, dim_z=len(problem.variance))
     ekf.x = (problem.start if start is None else start).reshape(n, 1).copy()
     ekf.P = problem.covariance.copy()
@@ -135,9 +135,7 @@ def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: floa
     return Phi
 
 
-def _update(
-    ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper, point: np.ndarray | None
-) -> Outcome | None:
+def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, keeper: HistoryKeeper, point: np.ndarray | None) -> Outcome | None:
     """filterpy's Joseph update with the channels that have a sample; how it broke down, if it did."""
     n_x = len(problem.system.states)
 
@@ -151,9 +149,10 @@ def _update(
     rows = np.flatnonzero(problem.valid[:, k])
     log_likelihood = nis = 0.0
     if rows.size:
+        H = complex_step_jacobian(outputs, at)[rows]
         ekf.update(
             problem.z[rows, k].reshape(-1, 1),
-            lambda x: complex_step_jacobian(outputs, at)[rows],
+            lambda x: H,
             lambda x: expected[rows].reshape(-1, 1),
             R=np.diag(problem.variance[rows]),
         )
@@ -166,5 +165,5 @@ def _update(
     if trouble is None:
         keeper.outputs(k, expected)
         if rows.size:
-            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, log_likelihood, nis)
+            keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, H, log_likelihood, nis)
     return trouble

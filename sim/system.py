@@ -34,6 +34,8 @@ class System:
     ``sensor_path(p, begin, end, steps)`` the outputs after them, ``noise(p)`` the spectral density of
     each state's forcing and the measurement variance of each output. ``input_stages`` and
     ``sensor_stages`` name the effects on the two paths: with none the path is the identity, bit for bit.
+    ``input_parameters`` act on the input path only, ``output_parameters`` only after the dynamics: an algorithm may
+    spare itself the derivatives of ``f`` by them.
     """
 
     states: tuple[Signal, ...]
@@ -44,6 +46,8 @@ class System:
     declared_noise: Noise
     input_stages: tuple[str, ...]
     sensor_stages: tuple[str, ...]
+    input_parameters: frozenset[str]
+    output_parameters: frozenset[str]
     input_path: Callable[[Rows, list[Any], np.ndarray], list[Any]]
     f: Callable[[Any, Rows, Rows, Rows], list[Any]]
     h: Callable[[Any, Rows, Rows, Rows], list[Any]]
@@ -200,6 +204,9 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         model.noise,
         tuple(effect.name for effect in inputs),
         tuple(effect.name for effect in sensors),
+        _names_of(inputs),
+        _names_of([effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in moved_out])
+        | {f"bias_{name}" for name in model.biases},
         input_path,
         f,
         h,
@@ -216,6 +223,10 @@ def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal
         if name not in known:
             raise ModelError(f"there is no output {name!r}", where=f"model {model.name}", remedy=f"its outputs are {', '.join(known)}")
     return tuple(known[name] for name in outputs)
+
+
+def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
+    return frozenset(full_name(effect, item.name) for effect in effects for item in effect.parameters)
 
 
 def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:

@@ -1,0 +1,148 @@
+"""Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit.
+
+The cost is -log likelihood with each output's noise variance concentrated out, 0.5 sum_i N_i ln(sigma_i^2), plus
+the prior's. A step is accepted on the defect-corrected residual, see `ident.whole_record`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.estimate import Outcome
+from ident.fit_layout import FitLayout
+from ident.information import conditional_scale
+from ident.keeping import LARGEST
+from ident.whole_record import Linearisation, linearise
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit, finished or on its way.
+
+    Attributes
+    ----------
+    theta : ``(n,)`` unknowns in the order of the layout.
+    lines : outputs and sensitivities of each record. residuals : ``(m, N)`` each, zero where a sample is missing.
+    variance : ``(m,)`` of each output's residual. counts : ``(m,)`` samples. cost : see above.
+    """
+
+    layout: FitLayout
+    theta: np.ndarray
+    guesses: tuple[np.ndarray, ...]
+    lines: tuple[Linearisation, ...]
+    residuals: tuple[np.ndarray, ...]
+    variance: np.ndarray
+    counts: np.ndarray
+    cost: float
+    outcome: Outcome = Outcome.MAX_ITERATIONS
+    iterations: int = 0
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the data, Gaussian, at the estimated variances; the prior's term included."""
+        return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``."""
+        n = len(self.theta)
+        normal, gradient = np.zeros((n, n)), np.zeros(n)
+        prior = self.layout.prior
+        if prior is not None:
+            normal[np.ix_(prior.positions, prior.positions)] += prior.information
+            gradient[prior.positions] += prior.information @ (prior.mean - self.theta[prior.positions])
+        for r, (problem, line, residual) in enumerate(zip(self.layout.problems, self.lines, self.residuals, strict=True)):
+            at = self.layout.columns(r)
+            weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0).ravel()
+            J = line.jacobian.reshape(-1, len(at))
+            normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
+            gradient[at] += J.T @ (weight * residual.ravel())
+        return normal, gradient
+
+
+def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
+    """Minimise the cost from ``layout.start``; None when not even the start has a finite cost.
+
+    ``guesses`` are trajectories to begin with, from the measured channels when None. Outcomes: ``CONVERGED`` or
+    ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
+    """
+    settings = layout.settings
+    begun = layout.guesses(layout.start) if guesses is None else guesses
+    fit = evaluate(layout, layout.start, begun)
+    if fit is None and guesses is None and layout.problems:
+        return None
+    if fit is None:
+        fit = evaluate(layout, layout.start, layout.guesses(layout.start))
+        if fit is None:
+            return None
+    damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    while done < settings.iterations:
+        done += 1
+        normal, gradient = fit.normal_equations()
+        scale = conditional_scale(normal, fit.theta)
+        pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
+        moving = (np.diag(normal) > 0) & ~pressed
+        scaled, slope = normal * np.outer(scale, scale), scale * gradient
+        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), layout.low, layout.high)
+        trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
+        if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
+            moved = np.max(np.abs(trial.theta - fit.theta) / scale, initial=0.0)
+            fit, damping = trial, max(damping / 10.0, 1e-12)
+            if moved < settings.tolerance:
+                outcome = Outcome.CONVERGED
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e8:
+                # No descent is left: at the optimum if the undamped step says so too.
+                undamped = np.max(np.abs(_damped_solution(scaled, slope, 1e-12, moving)), initial=0.0)
+                outcome = Outcome.CONVERGED if undamped < 10.0 * settings.tolerance else Outcome.MAX_ITERATIONS
+                break
+    return replace(joined_up(fit), outcome=outcome, iterations=done)
+
+
+def evaluate(layout: FitLayout, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
+    """Cost, residuals and sensitivities at ``theta``; None where they are not finite."""
+    lines, residuals = [], []
+    with np.errstate(all="ignore"):
+        for r, problem in enumerate(layout.problems):
+            line = linearise(problem, *layout.split(theta, r), guesses[r])
+            if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
+                return None
+            lines.append(line)
+            residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
+    counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
+    squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
+    variance = np.where(layout.used, np.maximum(squares / np.maximum(counts, 1), layout.smallest), 1.0)
+    cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance), 0.0)))
+    if layout.prior is not None:
+        away = theta[layout.prior.positions] - layout.prior.mean
+        cost += 0.5 * float(away @ layout.prior.information @ away)
+    return Fit(layout, theta, tuple(guesses), tuple(lines), tuple(residuals), variance, counts, cost)
+
+
+def joined_up(fit: Fit) -> Fit:
+    """The same parameters with a trajectory that obeys the equations to rounding: what the last step left is squared away."""
+    for _ in range(3):
+        gap = max(np.max(np.abs(line.states - guess), initial=0.0) for line, guess in zip(fit.lines, fit.guesses, strict=True))
+        size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
+        again = evaluate(fit.layout, fit.theta, [line.states for line in fit.lines]) if gap > 1e-13 * size else None
+        if again is None:
+            break
+        fit = again
+    return fit
+
+
+def _carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
+    """Trajectory guesses at other parameters, by the sensitivities of this point."""
+    step = theta - fit.theta
+    return [np.array(line.states + line.by_state @ step[fit.layout.columns(r)]) for r, line in enumerate(fit.lines)]
+
+
+def _damped_solution(scaled: np.ndarray, slope: np.ndarray, damping: float, moving: np.ndarray) -> np.ndarray:
+    """Step in scaled units; what rests at a bound, or has no influence, stays."""
+    out = np.zeros(len(slope))
+    at = np.flatnonzero(moving)
+    out[at] = np.linalg.solve(scaled[np.ix_(at, at)] + damping * np.eye(len(at)), slope[at])
+    return out
