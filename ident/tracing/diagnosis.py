@@ -1,0 +1,154 @@
+"""What the tracing loop returns: verdict, effects, evidence, errors before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from ident.residuals import ResidualTest
+from sim.record import Record
+
+
+class Verdict(Enum):
+    """The value is what files say; see the sentence for people."""
+
+    CONSISTENT = "consistent"
+    TRACED = "traced"
+    PARTIAL = "partial"
+    AMBIGUOUS = "ambiguous"
+    UNEXPLAINED = "unexplained"
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
+    Verdict.TRACED: "the effects listed explain what was missing: what remains is noise, also on data that were not fitted",
+    Verdict.PARTIAL: "the effects listed stand by themselves, but what remains is not noise",
+    Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
+    Verdict.UNEXPLAINED: "something is missing, and nothing in the library stands as its cause",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An estimated number: value, standard deviation corrected for coloured residuals, unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One effect of the verdict.
+
+    ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
+    ``records`` numbers those it acts on (from 0) where it does not act on all.
+    """
+
+    name: str
+    parameters: Mapping[str, Quantity]
+    alternatives: tuple[str, ...] = ()
+    claimed: bool = True
+    records: tuple[int, ...] = ()
+    explanation: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Evidence on one candidate at one node of the search.
+
+    ``gain`` is that of the log likelihood; ``p_value`` of that gain under the node's model, for the parameters added;
+    ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
+    ``fitted`` False: the gain is the projected score's, not that of a full fit.
+    """
+
+    round: int
+    within: tuple[str, ...]
+    name: str
+    gain: float
+    p_value: float
+    fitted: bool
+    plausible: bool
+    parameters: Mapping[str, Quantity]
+    held_out_change: float | None = None
+    collinear_with: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """One decision of the search: the set it led to, the criterion there, and the reason in words."""
+
+    effects: tuple[str, ...]
+    criterion: float
+    log_likelihood: float
+    sentence: str
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Simulation error by channel: root mean square, that over the measured spread, R squared, Theil's coefficient."""
+
+    rmse: Mapping[str, float]
+    nrmse: Mapping[str, float]
+    r2: Mapping[str, float]
+    theil: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Free simulation of one record, before and after: ``(m, N)`` in the order of ``channels``."""
+
+    record: Record
+    channels: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRecord:
+    """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a sample was set aside."""
+
+    record: Record
+    channels: tuple[str, ...]
+    before: np.ndarray
+    after: np.ndarray
+    used: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The tracing loop's result.
+
+    Attributes
+    ----------
+    before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
+    error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted.
+    tests_before, tests_after : residual tests. steps, candidates : how the search went.
+    remaining : what is left, in words, for verdicts that leave something. seconds : time by stage.
+    """
+
+    verdict: Verdict
+    effects: tuple[Claim, ...]
+    before: Mapping[str, Quantity]
+    after: Mapping[str, Quantity]
+    derived_before: Mapping[str, Quantity]
+    derived_after: Mapping[str, Quantity]
+    error_before: ErrorFigures
+    error_after: ErrorFigures
+    noise_floor: Mapping[str, float]
+    held_out: bool
+    tests_before: tuple[ResidualTest, ...]
+    tests_after: tuple[ResidualTest, ...]
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    warnings: tuple[str, ...]
+    predictions: tuple[Prediction, ...]
+    fitted: tuple[FittedRecord, ...]
+    seconds: Mapping[str, float]
