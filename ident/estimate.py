@@ -39,6 +39,8 @@ class FilterHistory:
     nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
     predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for smoothers;
         ``transition[k]`` leads from sample ``k - 1`` to ``k``.
+    sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of samples that are missing are
+        zero, and those of the unit matrix.
     """
 
     time: np.ndarray
@@ -55,6 +57,8 @@ class FilterHistory:
     predicted_covariance: np.ndarray
     covariance: np.ndarray
     transition: np.ndarray
+    sensitivity: np.ndarray
+    innovation_covariance: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

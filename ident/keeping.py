@@ -45,7 +45,8 @@ class HistoryKeeper:
         self._mean, self._covariance = np.zeros((n, N)), np.zeros((N, n, n))
         self._predicted_mean, self._predicted_covariance = np.zeros((n, N)), np.zeros((N, n, n))
         self._transition = np.zeros((N, n, n))
-        self._innovation, self._innovation_std = np.zeros((m, N)), np.ones((m, N))
+        self._innovation, self._innovation_covariance = np.zeros((m, N)), np.tile(np.eye(m), (N, 1, 1))
+        self._sensitivity = np.zeros((N, m, n))
         self._valid = np.zeros((m, N), dtype=bool)
         self._log_likelihood, self._nis, self._degrees = np.zeros(N), np.zeros(N), np.zeros(N, dtype=int)
         self._outputs = np.zeros((m, N))
@@ -62,9 +63,10 @@ class HistoryKeeper:
         """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a sample."""
         self._outputs[:, k] = y
 
-    def innovation(self, k: int, rows: np.ndarray, y: np.ndarray, S: np.ndarray, log_likelihood: float, nis: float) -> None:
-        """Innovation ``y`` of the channels ``rows`` with covariance ``S``."""
-        self._innovation[rows, k], self._innovation_std[rows, k], self._valid[rows, k] = y, np.sqrt(np.diag(S)), True
+    def innovation(self, k: int, rows: np.ndarray, y: np.ndarray, S: np.ndarray, H: np.ndarray, log_likelihood: float, nis: float) -> None:
+        """Innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output sensitivity ``H`` that gave the gain."""
+        self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
+        self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
 
     def filtered(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
@@ -81,7 +83,8 @@ class HistoryKeeper:
             self._mean[:, k] = self._predicted_mean[:, k] = final_mean
             self._covariance[k] = self._predicted_covariance[k] = final_covariance
             self._transition[k] = np.eye(len(problem.names))
-            self._valid[:, k], self._innovation[:, k], self._innovation_std[:, k] = False, 0.0, 1.0
+            self._valid[:, k], self._innovation[:, k], self._sensitivity[k] = False, 0.0, 0.0
+            self._innovation_covariance[k] = np.eye(len(problem.variance))
             self._log_likelihood[k] = self._nis[k] = self._degrees[k] = 0
             self._outputs[:, k] = self._outputs[:, last] if last >= 0 else 0.0
         history = FilterHistory(
@@ -90,7 +93,7 @@ class HistoryKeeper:
             self._mean,
             np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2).T, 0.0)),
             self._innovation,
-            self._innovation_std,
+            np.sqrt(np.diagonal(self._innovation_covariance, axis1=1, axis2=2).T),
             self._valid,
             self._log_likelihood,
             self._nis,
@@ -99,6 +102,8 @@ class HistoryKeeper:
             self._predicted_covariance,
             self._covariance,
             self._transition,
+            self._sensitivity,
+            self._innovation_covariance,
         )
         names = problem.names[n_x:]
         return Estimate(

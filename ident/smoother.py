@@ -1,6 +1,8 @@
 """Fixed-interval smoother: what the whole record says of every sample, from what a filter kept.
 
-Rauch, Tung and Striebel, "Maximum Likelihood Estimates of Linear Dynamic Systems", AIAA Journal 3(8), 1965.
+The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson and Frazier (Bierman, "Fixed Interval
+Smoothing with Discrete Measurements", Int. J. Control 18(1), 1973): the same numbers without inverting the predicted
+covariance, which is singular where a state is known exactly, and nearly so for parameters without process noise.
 """
 
 from __future__ import annotations
@@ -10,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.estimate import FilterHistory
-
-SMALLEST = 1e-14  # share of the largest eigenvalue below which a direction counts as known
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,30 +36,32 @@ class SmoothedHistory:
 def smooth(history: FilterHistory) -> SmoothedHistory:
     """Run back over a filter's history, of an extended or an unscented filter.
 
-    With the gain A = P G^T P_pred^+, G the history's ``transition``:
-    x_s[k] = x[k] + A (x_s[k+1] - x_pred[k+1]),  P_s[k] = P[k] + A (P_s[k+1] - P_pred[k+1]) A^T.
-    The pseudo-inverse, of the correlation matrix, leaves out what the prediction knows exactly (held states, no
-    process noise). Where rounding makes a smoothed variance exceed the filter's it is set back, correlations kept.
+    With r and W zero after the last sample, back over sample k, K = P_pred H^T S^-1 (nothing where no sample was used):
+    r <- H^T S^-1 y + (I - K H)^T r,  W <- H^T S^-1 H + (I - K H)^T W (I - K H), then r <- G^T r, W <- G^T W G with the
+    history's ``transition``; at each sample x_s = x + P r, P_s = P - P W P. A smoothed variance never exceeds the
+    filter's. Should W leave the range of numbers, the samples before keep the filter's values.
     """
     mean, covariance = history.mean.copy(), history.covariance.copy()
-    for k in range(len(history.time) - 2, -1, -1):
-        predicted = history.predicted_covariance[k + 1]
-        gain = history.covariance[k] @ history.transition[k + 1].T @ scaled_pseudo_inverse(predicted)
-        mean[:, k] += gain @ (mean[:, k + 1] - history.predicted_mean[:, k + 1])
-        covariance[k] += gain @ (covariance[k + 1] - predicted) @ gain.T
-        covariance[k] = _at_most(0.5 * (covariance[k] + covariance[k].T), np.diag(history.covariance[k]))
+    n, last = len(history.names), len(history.time) - 1
+    r, W = np.zeros(n), np.zeros((n, n))
+    with np.errstate(all="ignore"):
+        for k in range(last, -1, -1):
+            P = history.covariance[k]
+            if k < last:
+                x, reduced = mean[:, k] + P @ r, P - P @ W @ P
+                if not (np.all(np.isfinite(x)) and np.all(np.isfinite(reduced))):
+                    break
+                mean[:, k], covariance[k] = x, _at_most(0.5 * (reduced + reduced.T), np.diag(P))
+            if np.any(history.valid[:, k]):
+                H, S = history.sensitivity[k], history.innovation_covariance[k]
+                weighted = np.linalg.solve(S, H)
+                kept = np.eye(n) - history.predicted_covariance[k] @ weighted.T @ H
+                r = weighted.T @ history.innovation[:, k] + kept.T @ r
+                W = weighted.T @ H + kept.T @ W @ kept
+            G = history.transition[k]
+            r, W = G.T @ r, G.T @ W @ G
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
-
-
-def scaled_pseudo_inverse(P: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse of a covariance ``(n, n)`` through its correlation matrix, zero where there is no variance."""
-    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    kept = values > SMALLEST * max(values[-1], 0.0)
-    reciprocal = np.divide(1.0, values, out=np.zeros_like(values), where=kept)
-    return inverse[:, None] * ((vectors * reciprocal) @ vectors.T) * inverse
 
 
 def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:

@@ -20,13 +20,13 @@ from ident.ekf import SETTLED, FilterSettings
 from ident.estimate import Estimate, Outcome
 from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
-from ident.smoother import scaled_pseudo_inverse
 from ident.transition import log_gaussian
 from sim.maths import complex_step_jacobian
 from sim.record import Record
 from sim.system import System
 
 ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
+SMALLEST = 1e-16  # share of the largest eigenvalue that is rounding
 
 
 def run_ukf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
@@ -41,7 +41,8 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     -------
     Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G of the interval: with
     P the covariance after the update before and C the cross-covariance of that state with the predicted one,
-    C = P G^T (G = C^T P^+ in each sub-step), so that the fixed-interval smoother needs nothing else.
+    C = P G^T in each sub-step; ``history.sensitivity`` H likewise from the cross-covariance with the outputs,
+    P H^T. With these the fixed-interval smoother serves both filters.
 
     Raises
     ------
@@ -63,11 +64,26 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
-    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero rows for what has no variance."""
+    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what has no variance."""
+    values, vectors, scale, _ = _decomposed(P)
+    return (np.sqrt(values)[:, None] * vectors.T) * scale
+
+
+def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
+    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the differences of what the paired
+    points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``. With the root instead of P half the digits of a nearly
+    singular P are kept."""
+    values, vectors, _, inverse = _decomposed(P)
+    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > SMALLEST * values[-1])
+    return (inverse[:, None] * (vectors @ (reciprocal[:, None] * half_differences))).T
+
+
+def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the correlation matrix, standard deviations and their inverses (zero for zero)."""
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) * scale
+    return np.maximum(values, 0.0), vectors, scale, inverse
 
 
 def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarray) -> Estimate:
@@ -114,8 +130,7 @@ def _predict(ukf: Any, problem: FilterProblem, settings: FilterSettings, t: floa
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
-    cross = (before - mean).T @ (ukf.Wc[:, None] * (after - ukf.x))
-    return (scaled_pseudo_inverse(P) @ cross).T
+    return slopes(len(P) * P, _half_differences(after))
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
@@ -130,7 +145,7 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
     rows = np.flatnonzero(problem.valid[:, k])
     log_likelihood = nis = 0.0
     if rows.size:
-        point = iter(outputs[rows].T)
+        point, before = iter(outputs[rows].T), ukf.P
         ukf.update(problem.z[rows, k], R=np.diag(problem.variance[rows]), hx=lambda x: next(point))
         ukf.P = 0.5 * (ukf.P + ukf.P.T)
         try:
@@ -141,5 +156,12 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
     if trouble is None:
         keeper.outputs(k, expected)
         if rows.size:
-            keeper.innovation(k, rows, ukf.y, ukf.S, log_likelihood, nis)
+            H = slopes(len(before) * before, _half_differences(outputs[rows].T))
+            keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
     return trouble
+
+
+def _half_differences(rows: np.ndarray) -> np.ndarray:
+    """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in pairs, ``(n, ...)``."""
+    n = len(rows) // 2
+    return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
