@@ -15,7 +15,9 @@ import numpy as np
 from ident.ekf import FilterSettings
 from ident.keeping import LARGEST
 from ident.setup import FilterProblem, with_free
+from ident.transition import RowTransition
 from sim.grid import Drive
+from sim.integrate import Step
 from sim.maths import COMPLEX_STEP
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
@@ -74,19 +76,27 @@ class BankPass:
 def run_pass(problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool) -> BankPass:
     """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample."""
     (n, B), (m, N) = runs.start.shape, problem.valid.shape
-    x, P = runs.start.copy(), np.array(np.broadcast_to(problem.covariance, (B, n, n)))
-    last_x, last_P, sound = x.copy(), P, np.ones(B, dtype=bool)
+    x, P = runs.start.copy(), np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
+    last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
     history = BankHistory(np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))) if keep else None
+    samples = problem.grid.sample.tolist()
+    transition = settings.transition.of_rows(len(problem.system.states), problem.density)
+    walk = problem.density[len(problem.system.states) :] if problem.walking else None
+    nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
     with np.errstate(all="ignore"):
         for k in range(N):
             if k:
-                for s in range(problem.grid.sample[k - 1], problem.grid.sample[k]):
-                    x, P = _predict(problem, settings, runs, s, x, P)
-            x, P, gained, squared, innovation = _update(problem, runs, k, x, P, keep)
-            sound = sound & _sound(x, P) & (np.abs(squared) < LARGEST)
-            last_x, last_P = np.where(sound, x, last_x), P if sound.all() else np.where(sound[:, None, None], P, last_P)
-            log_likelihood, nis[k] = log_likelihood + np.where(sound, gained, 0.0), np.where(sound, squared, 0.0)
+                for s in range(samples[k - 1], samples[k]):
+                    x, P = _predict(problem, settings.step, transition, walk, runs, s, x, P, nudge)
+            x, P, gained, squared, innovation = _update(problem, runs, k, x, P, nudge, keep)
+            if sound.all() and _all_sound(x, P, squared):
+                last_x, last_P, nis[k] = x, P, squared
+                log_likelihood += gained
+            else:
+                sound = sound & _sound(x, P) & (np.abs(squared) < LARGEST)
+                last_x, last_P = np.where(sound, x, last_x), np.where(sound[:, None, None], P, last_P)
+                log_likelihood, nis[k] = log_likelihood + np.where(sound, gained, 0.0), np.where(sound, squared, 0.0)
             if history is not None:
                 variance = np.diagonal(last_P, axis1=1, axis2=2).T
                 history.mean[:, k], history.std[:, k] = last_x, np.sqrt(np.maximum(variance, 0.0))
@@ -95,56 +105,86 @@ def run_pass(problem: FilterProblem, settings: FilterSettings, runs: BankRuns, k
     return BankPass(last_x, last_P, log_likelihood, nis, sound, history)
 
 
-def _predict(problem: FilterProblem, settings: FilterSettings, runs: BankRuns, s: int, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means and covariances over sub-step ``s``."""
+def _predict(
+    problem: FilterProblem,
+    step: Step,
+    transition: RowTransition,
+    walk: np.ndarray | None,
+    runs: BankRuns,
+    s: int,
+    x: np.ndarray,
+    P: np.ndarray,
+    nudge: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means and covariances over sub-step ``s``; only the rows of the states move, and what is a random walk."""
     system, grid, n_x = problem.system, problem.grid, len(problem.system.states)
     begin, middle, end = ([row[s] for row in stage] for stage in runs.drive.stages)
     t, dt = float(grid.edges[s]), float(grid.steps[s])
-    F = np.zeros_like(P)
-    F[:, :n_x] = jacobians(lambda a: system.f(t, a[:n_x], begin, with_free(runs.p, problem.free, a[n_x:])), x)
-    Phi, noise = settings.transition(F, problem.density, dt)
-    moved = settings.step(system.f, t, list(x[:n_x]), (begin, middle, end), with_free(runs.p, problem.free, list(x[n_x:])), dt)
+    values, F = values_and_jacobians(lambda a: system.f(t, a[:n_x], begin, with_free(runs.p, problem.free, a[n_x:])), x, nudge)
+    D, noise = transition(F, dt)
+    start, first = list(x[:n_x]), list(values)
+
+    def rates(t: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any]) -> list[Any]:
+        # At the start of the step the Jacobian's call has the rates already.
+        return first if x is start else system.f(t, x, u, p)
+
     after = x.copy()
-    for i, row in enumerate(moved):
+    for i, row in enumerate(step(rates, t, start, (begin, middle, end), with_free(runs.p, problem.free, list(x[n_x:])), dt)):
         after[i] = row
-    P = Phi @ P @ np.swapaxes(Phi, 1, 2) + noise
-    return after, 0.5 * (P + np.swapaxes(P, 1, 2))
+    rows = P[:, :n_x] + D @ P
+    rows[:, :, :n_x] += rows @ np.swapaxes(D, 1, 2)
+    if noise is not None:
+        rows += noise
+    out = P.copy()
+    out[:, :n_x] = rows
+    out[:, n_x:, :n_x] = np.swapaxes(rows[:, :, n_x:], 1, 2)
+    out[:, :n_x, :n_x] = 0.5 * (rows[:, :, :n_x] + np.swapaxes(rows[:, :, :n_x], 1, 2))
+    if walk is not None:
+        own = np.arange(n_x, len(x))
+        out[:, own, own] += walk * dt
+    return after, out
 
 
 def _update(
-    problem: FilterProblem, runs: BankRuns, k: int, x: np.ndarray, P: np.ndarray, keep: bool
+    problem: FilterProblem, runs: BankRuns, k: int, x: np.ndarray, P: np.ndarray, nudge: np.ndarray, keep: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[int, tuple[np.ndarray, np.ndarray]]]:
-    """Means, covariances, gain of log-likelihood, NIS and, with ``keep``, innovations and their variances by channel."""
-    B, n_x, at = x.shape[1], len(problem.system.states), problem.grid.sample[k]
-    gained, nis = np.zeros(B), np.zeros(B)
+    """Means, covariances, gain of log-likelihood, NIS and, with ``keep``, innovations and their variances by channel.
+
+    Gaussian elimination on the rows of [H P, y, S] decorrelates each channel from those before it; what is left on the
+    diagonal of S are the variances of independent scalars.
+    """
+    (n, B), n_x, at = x.shape, len(problem.system.states), problem.grid.sample[k]
     innovation: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     channels = np.flatnonzero(problem.valid[:, k])
-    if channels.size == 0:
-        return x, P, gained, nis, innovation
+    m = len(channels)
+    if m == 0:
+        return x, P, np.zeros(B), np.zeros(B), innovation
     t, u = float(problem.grid.edges[at]), [row[at] for row in runs.drive.begin]
+    predicted, H = values_and_jacobians(lambda a: problem.system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:])), x, nudge)
+    y = runs.z[:, k] - predicted
+    if m < len(y):
+        y, H = y[channels], H[:, channels]
+    rows = np.empty((B, m, n + 1 + m))
+    rows[:, :, :n], rows[:, :, n] = H @ P, y.T
+    rows[:, :, n + 1 :] = rows[:, :, :n] @ np.swapaxes(H, 1, 2)
+    for i, channel in enumerate(channels):
+        rows[:, i, n + 1 + i] += problem.variance[channel]
+        if keep:
+            innovation[int(channel)] = rows[:, i, n].copy(), rows[:, i, n + 1 + i].copy()
+    for i in range(m - 1):
+        for j in range(i + 1, m):
+            rows[:, j] -= (rows[:, j, n + 1 + i] / rows[:, i, n + 1 + i])[:, None] * rows[:, i]
+    variance = np.diagonal(rows[:, :, n + 1 :], axis1=1, axis2=2)
+    change = np.swapaxes(rows[:, :, :n], 1, 2) @ (rows[:, :, : n + 1] / variance[:, :, None])
+    squared = (rows[:, :, n] ** 2 / variance).sum(axis=1)
+    P = P - change[:, :, :n]
+    gained = -0.5 * (squared + np.log(variance).sum(axis=1) + m * LOG_TWO_PI)
+    return x + change[:, :, n].T, 0.5 * (P + np.swapaxes(P, 1, 2)), gained, squared, innovation
 
-    def outputs(a: Sequence[Any]) -> list[Any]:
-        return problem.system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:]))
 
-    H = jacobians(outputs, x)
-    predicted = [np.broadcast_to(y, B) for y in outputs(list(x))]
-    if keep:
-        for i in channels:
-            row = H[:, i]
-            innovation[int(i)] = runs.z[i, k] - predicted[i], np.einsum("bi,bij,bj->b", row, P, row) + problem.variance[i]
-    move = np.zeros_like(x)
-    for i in channels:
-        row = H[:, i]
-        PH = (P @ row[:, :, None])[:, :, 0]
-        S = np.einsum("bi,bi->b", row, PH) + problem.variance[i]
-        y = runs.z[i, k] - predicted[i] - np.einsum("bi,ib->b", row, move)
-        gain = PH / S[:, None]
-        move += gain.T * y
-        P = P - gain[:, :, None] * PH[:, None, :]
-        squared = y * y / S
-        nis += squared
-        gained -= 0.5 * (squared + np.log(S) + LOG_TWO_PI)
-    return x + move, 0.5 * (P + np.swapaxes(P, 1, 2)), gained, nis, innovation
+def _all_sound(x: np.ndarray, P: np.ndarray, squared: np.ndarray) -> bool:
+    """Whether every run surely holds numbers that serve; sums of squares are the cheapest bound, and a NaN fails the comparison."""
+    return bool(np.vdot(P, P) + np.vdot(x, x) + np.vdot(squared, squared) < LARGEST**2 and np.diagonal(P, axis1=1, axis2=2).min() >= 0.0)
 
 
 def _sound(x: np.ndarray, P: np.ndarray) -> np.ndarray:
@@ -153,13 +193,14 @@ def _sound(x: np.ndarray, P: np.ndarray) -> np.ndarray:
     return finite & np.all(np.diagonal(P, axis1=1, axis2=2) >= 0.0, axis=1)
 
 
-def jacobians(function: Callable[[list[Any]], Sequence[Any]], x: np.ndarray) -> np.ndarray:
-    """Complex-step Jacobian of each run, ``(B, m, n)``, all columns in one call."""
+def values_and_jacobians(function: Callable[[list[Any]], Sequence[Any]], x: np.ndarray, nudge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values ``(m, B)`` of a function at each run's ``x (n, B)`` and its Jacobians ``(B, m, n)``, all in one call.
+
+    ``nudge (n, n, 1)`` is the complex step on the diagonal, one column of the Jacobian each.
+    """
     n, B = x.shape
-    rows = np.array(np.broadcast_to(x[:, None, :], (n, n, B)), dtype=complex)
-    rows[np.arange(n), np.arange(n)] += 1j * COMPLEX_STEP
-    out = function(list(rows))
-    jacobian = np.empty((B, len(out), n))
+    out = function(list(x[:, None, :] + nudge))
+    found = np.empty((len(out), n, B), dtype=complex)
     for i, value in enumerate(out):
-        jacobian[:, i] = np.broadcast_to(np.imag(value), (n, B)).T / COMPLEX_STEP
-    return jacobian
+        found[i] = value
+    return found[:, 0].real.copy(), np.multiply(found.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C")

@@ -37,6 +37,11 @@ class FilterProblem:
     density: np.ndarray
     variance: np.ndarray
 
+    @property
+    def walking(self) -> bool:
+        """Whether a free parameter is a random walk."""
+        return bool(np.any(self.density[len(self.system.states) :]))
+
 
 def filter_problem(record: Record, system: System, max_step: float) -> FilterProblem:
     """Check that a filter can run and lay out what it needs.

@@ -7,16 +7,25 @@ Q_k = integral over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+RowTransition = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray | None]]
+
 
 class Transition(Protocol):
-    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to ``Phi``, ``Q_k``."""
+    """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to ``Phi``, ``Q_k``.
+
+    ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the first r are zero: it prepares
+    what stays the same, and returns a function of F and the step that gives the first r rows of ``Phi - I`` and of ``Q_k``,
+    None instead of the latter without noise. Below them Phi is the identity and Q_k is diag(density) dt.
+    """
 
     def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
+    def of_rows(self, r: int, density: np.ndarray) -> RowTransition: ...
 
 
 @dataclass(frozen=True)
@@ -38,6 +47,37 @@ class Taylor:
                     noise = noise + left @ Q @ np.swapaxes(right, -1, -2) * (dt ** (i + j + 1) / (i + j + 1))
         return np.asarray(Phi), noise
 
+    def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
+        driven, terms = np.flatnonzero(density), self.terms
+        walking, width = driven >= r, driven.size
+        identity = np.eye(r, len(density))[:, driven]
+        # With M_0 = I and M_k = F^k dt^k / k!, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
+        order = np.arange(terms)
+        share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
+
+        def rows(F: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray | None]:
+            if terms < 2:
+                powers, D = [], np.zeros_like(F)
+            else:
+                A, powers = F[..., :r], [F * dt]
+                for k in range(2, terms):
+                    powers.append(A @ powers[-1] * (dt / k))
+                D = sum(powers[1:], powers[0])
+            if width == 0:
+                return D, None
+            columns = np.empty((*F.shape[:-1], terms * width))
+            columns[..., :width] = identity
+            for k, M in enumerate(powers, start=1):
+                columns[..., k * width : (k + 1) * width] = M[..., driven]
+            weighed = columns @ (share * dt)
+            noise = np.zeros_like(F)
+            noise[..., :r] = weighed @ np.swapaxes(columns, -1, -2)
+            if walking.any():
+                noise[..., driven[walking]] = weighed[..., :width][..., walking]
+            return D, noise
+
+        return rows
+
 
 @dataclass(frozen=True)
 class Exponential:
@@ -57,6 +97,16 @@ class Exponential:
         Phi = np.swapaxes(both[..., n:, n:], -1, -2)
         noise = Phi @ both[..., :n, n:]
         return Phi, 0.5 * (noise + np.swapaxes(noise, -1, -2))
+
+    def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
+        def rows(F: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray | None]:
+            n = F.shape[-1]
+            whole = np.zeros((*F.shape[:-2], n, n))
+            whole[..., :r, :] = F
+            Phi, noise = self(whole, density, dt)
+            return Phi[..., :r, :] - np.eye(r, n), noise[..., :r, :] if np.any(density) else None
+
+        return rows
 
 
 def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:

@@ -16,6 +16,16 @@ import numpy as np
 COMPLEX_STEP = 1e-30
 
 
+def plus(x: Any, port: Any) -> Any:
+    """``x + port``; a port on which nothing acts is a plain zero, and an array is spared that addition."""
+    return x if type(port) is float and port == 0.0 else x + port
+
+
+def times(factor: Any, x: Any) -> Any:
+    """``factor * x``; a factor that is a plain one costs nothing."""
+    return x if type(factor) is float and factor == 1.0 else factor * x
+
+
 def real(x: Any) -> Any:
     """Real part, for comparisons."""
     return x.real if isinstance(x, (complex, np.ndarray, np.generic)) else x

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.effect import Signal
+from sim.maths import plus, times
 
 
 @dataclass(frozen=True)
@@ -64,11 +65,11 @@ class Loes:
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change
-        return {"V": V, "speed_ratio": V / p.airspeed, "alpha_air": s.alpha + s.gust}
+        return {"V": V, "speed_ratio": V / p.airspeed, "alpha_air": plus(s.alpha, s.gust)}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         r = s.speed_ratio
-        q_dot = r * (r * (p.M_alpha * s.alpha_air + p.M_delta * s.delta) + p.M_q * s.q) + p.M_0 + s.moment
+        q_dot = times(r, times(r, p.M_alpha * s.alpha_air + p.M_delta * s.delta) + p.M_q * s.q) + plus(p.M_0, s.moment)
         return _alpha_rate(s, p), q_dot, p.inv_tau * (s.stick - s.delta) + p.delta_0
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
@@ -76,4 +77,4 @@ class Loes:
 
 
 def _alpha_rate(s: Any, p: Any) -> Any:
-    return s.speed_ratio * (p.L_alpha * s.alpha_air + p.L_delta * s.delta) + p.L_q * s.q + p.L_0 + s.lift
+    return times(s.speed_ratio, p.L_alpha * s.alpha_air + p.L_delta * s.delta) + p.L_q * s.q + plus(p.L_0, s.lift)
