@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 from sim.effect import Effect
 
 _NONE: Mapping[str, float] = MappingProxyType({})
+_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Occasion:
     begin, end : s, of the record. interval : median sampling interval, s.
     input_peak : largest magnitude of each input. input_rate : largest step between samples over the interval, unit/s.
     state_peak : largest magnitude of each measured state or output, in its unit.
+    flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range`` falls back on the peaks.
     residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
     airspeed : m/s, where the model has one.
     """
@@ -31,12 +33,24 @@ class Occasion:
     input_peak: Mapping[str, float] = field(default_factory=lambda: _NONE)
     input_rate: Mapping[str, float] = field(default_factory=lambda: _NONE)
     state_peak: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    flown: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     residual_peaks: tuple[float, ...] = ()
     airspeed: float = 0.0
 
     @property
     def duration(self) -> float:
         return self.end - self.begin
+
+    def flown_range(self, name: str) -> tuple[float, float] | None:
+        """Lowest and highest value of a signal, by its peak to both sides where no more is known; None where nothing is."""
+        if name in self.flown:
+            return self.flown[name]
+        peak = self.state_peak.get(name, self.input_peak.get(name, 0.0))
+        return (-peak, peak) if peak > 0 else None
+
+    def onsets(self, count: int = 36) -> tuple[float, ...]:
+        """Times spread evenly over the record, its ends left out: an event at the very edge cannot be told from a bias."""
+        return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
 
 
 @dataclass(frozen=True)
@@ -47,10 +61,12 @@ class Probe:
     ----------
     values : all local parameters. slopes : those by which the outputs are differentiated at ``values``; the columns that
         this gives are the effect's signature. When empty, the signature is the whole change from the effect's absence.
+    shifts : True where a later onset only moves the signature along the record, and the same probe therefore stands for all of them.
     """
 
     values: Mapping[str, float]
     slopes: tuple[str, ...] = ()
+    shifts: bool = False
 
 
 @runtime_checkable
@@ -59,8 +75,7 @@ class Traceable(Effect, Protocol):
 
     Attributes
     ----------
-    onset : local name of the time from which it acts, where a later time only shifts its signature (one may then
-        be computed and shifted over the record); empty where there is none.
+    onset : local name of the time from which it acts, a position that is searched for over the record; empty where there is none.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for
         each record, and it needs not act on all of them.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
@@ -73,3 +88,22 @@ class Traceable(Effect, Protocol):
     @property
     def plausible(self) -> Mapping[str, tuple[float, float]]: ...
     def probes(self, occasion: Occasion) -> Sequence[Probe]: ...
+
+
+@runtime_checkable
+class Fitted(Protocol):
+    """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the form for that record, under the same name."""
+
+    def fitted_to(self, occasion: Occasion) -> Effect: ...
+
+
+@runtime_checkable
+class Refinable(Protocol):
+    """An effect with a freer form under the same name; ``finer`` gives it, its further parameters at their absent values."""
+
+    def finer(self) -> Effect: ...
+
+
+def fitted_to(effect: Effect, occasion: Occasion) -> Effect:
+    """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
+    return effect.fitted_to(occasion) if isinstance(effect, Fitted) else effect
