@@ -47,8 +47,11 @@ def corrected_covariance(
             sensitivity = np.where(valid[i][:, None], jacobian[i], 0.0) / variance[i]
             middle[np.ix_(at, at)] += _filtered_product(sensitivity, covariance)
     corrected = inverse @ middle @ inverse
-    ratio = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(corrected), 1e-300), 1.0))
-    return corrected * np.outer(ratio, ratio)
+    white, own = np.diag(inverse), np.diag(corrected)
+    # Where the residuals say nothing at all (exact data) the white value stands alone.
+    told = own > 1e-12 * white
+    factor = np.sqrt(np.maximum(np.divide(white, own, out=np.zeros_like(own), where=told), 1.0)) * told
+    return corrected * np.outer(factor, factor) + np.diag(np.where(told, 0.0, white))
 
 
 def _filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.fit_layout import FitLayout
+from ident.fit_layout import ROUNDING, FitLayout
 from ident.information import conditional_scale
 from ident.keeping import LARGEST
 from ident.whole_record import Linearisation, linearise
@@ -87,9 +87,9 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
         trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), layout.low, layout.high)
         trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
-            moved = np.max(np.abs(trial.theta - fit.theta) / scale, initial=0.0)
+            settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
             fit, damping = trial, max(damping / 10.0, 1e-12)
-            if moved < settings.tolerance:
+            if np.all(settled):
                 outcome = Outcome.CONVERGED
                 break
         else:

@@ -14,6 +14,8 @@ from sim.parameters import Parameter
 from sim.record import Record
 from sim.system import System
 
+ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
+
 
 @dataclass(frozen=True)
 class FitSettings:
@@ -161,7 +163,7 @@ def lay_out(
         high,
         _declared_prior(items) if settings.use_priors else None,
         np.array([any(np.any(problem.valid[i]) for problem in problems) for i in range(len(system.outputs))]),
-        np.maximum(1e-14 * size, 1e-30) ** 2,
+        np.maximum(ROUNDING * size, 1e-30) ** 2,
     )
 
 

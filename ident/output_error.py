@@ -15,6 +15,7 @@ from ident.estimate import Estimate, Outcome
 from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitLayout, FitSettings, lay_out
 from ident.information import inverse_information
+from ident.keeping import LARGEST
 from sim.errors import ModelError
 from sim.record import Record
 from sim.system import System
@@ -86,7 +87,7 @@ def _failed(layout: FitLayout) -> Estimate:
         theta.copy(),
         np.diag(np.maximum(1.0, theta**2)),
         Outcome.DIVERGED,
-        -np.inf,
+        -LARGEST,
         layout.system.output_names,
         np.ones(len(layout.used)),
         tuple(np.zeros_like(problem.z) for problem in layout.problems),

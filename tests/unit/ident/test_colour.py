@@ -1,0 +1,109 @@
+"""The covariance correction for coloured residuals: white leaves it alone, coloured gives the scatter that is really there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.colour import autocovariance, corrected_covariance
+from ident.output_error import FitSettings, fit_output_error
+from sim.record import Channel, Record
+from sim.system import compile_model
+from tests.bases import fly, rigid_flight, rigid_model
+from tests.rigid_problem import FREE
+
+
+def ar1(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> np.ndarray:
+    """First-order coloured noise of unit variance along the last axis."""
+    out = rng.standard_normal(shape)
+    for k in range(1, shape[-1]):
+        out[..., k] = correlation * out[..., k - 1] + np.sqrt(1.0 - correlation**2) * out[..., k]
+    return out
+
+
+def regression(residual: np.ndarray, X: np.ndarray, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """White and corrected covariance of a linear regression with this residual, ``(1, N)``."""
+    valid = np.ones_like(residual, dtype=bool) if valid is None else valid
+    variance = np.sum(np.where(valid, residual, 0.0) ** 2, axis=1) / valid.sum(axis=1)
+    inverse = np.linalg.inv(np.einsum("in,nj,nk->jk", valid / variance[:, None], X, X))
+    return inverse, corrected_covariance(inverse, [(np.arange(X.shape[1]), X[None], residual, valid)], variance)
+
+
+def test_autocovariance_is_the_sum_of_products() -> None:
+    series = np.random.default_rng(1).normal(size=37)
+    expected = [sum(series[i] * series[i + lag] for i in range(37 - lag)) / 37 for lag in range(9)]
+    np.testing.assert_allclose(autocovariance(series, 8), expected, rtol=1e-12, atol=1e-14)
+
+
+def test_sandwich_is_the_double_sum() -> None:
+    rng = np.random.default_rng(2)
+    n, X = 60, rng.normal(size=(60, 2))
+    residual = ar1(rng, (1, n), 0.8)
+    inverse, corrected = regression(residual, X)
+    lags = 12
+    R = autocovariance(residual[0], lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
+    variance = np.mean(residual**2)
+    middle = sum(np.outer(X[i], X[j]) * R[abs(i - j)] for i in range(n) for j in range(n) if abs(i - j) <= lags) / variance**2
+    expected = inverse @ middle @ inverse
+    up = np.sqrt(np.maximum(np.diag(inverse) / np.diag(expected), 1.0))
+    np.testing.assert_allclose(corrected, expected * np.outer(up, up), rtol=1e-10)
+
+
+def test_white_residuals_leave_sigma_nearly_alone() -> None:
+    rng, ratios = np.random.default_rng(3), []
+    X = np.stack([np.sin(np.arange(400) / 15.0), np.cos(np.arange(400) / 40.0)], 1)
+    for _ in range(40):
+        inverse, corrected = regression(rng.standard_normal((1, 400)), X)
+        ratios.append(np.sqrt(np.diag(corrected) / np.diag(inverse)))
+    assert np.all(np.min(ratios, axis=0) >= 1.0 - 1e-12)
+    assert np.all(np.mean(ratios, axis=0) < 1.15)
+
+
+@pytest.mark.parametrize("correlation", [0.6, 0.9])
+def test_coloured_regression_tells_its_scatter(correlation: float) -> None:
+    rng, X = np.random.default_rng(4), np.stack([np.sin(np.arange(500) / 15.0), np.cos(np.arange(500) / 40.0)], 1)
+    solver, errors, stated, white = np.linalg.pinv(X), [], [], []
+    for _ in range(300):
+        noise = ar1(rng, (500,), correlation)
+        estimate = solver @ noise
+        inverse, corrected = regression((noise - X @ estimate)[None], X)
+        errors.append(estimate)
+        stated.append(np.diag(corrected))
+        white.append(np.diag(inverse))
+    scatter = np.std(errors, axis=0)
+    ratio = np.sqrt(np.mean(stated, axis=0)) / scatter
+    assert np.all(ratio > 0.8) and np.all(ratio < 1.1)
+    assert np.all(np.sqrt(np.mean(white, axis=0)) / scatter < (0.6 if correlation == 0.6 else 0.35))
+
+
+def test_missing_samples_do_not_count() -> None:
+    rng = np.random.default_rng(5)
+    X, residual = rng.normal(size=(200, 2)), ar1(rng, (1, 200), 0.7)
+    valid = rng.random((1, 200)) < 0.7
+    spoilt = np.where(valid, residual, 0.0)
+    X_spoilt = np.where(valid[0][:, None], X, 1e6)
+    inverse, corrected = regression(spoilt, X, valid)
+    variance = np.sum(spoilt**2, axis=1) / valid.sum(axis=1)
+    again = corrected_covariance(inverse, [(np.arange(2), X_spoilt[None], spoilt, valid)], variance)
+    np.testing.assert_allclose(again, corrected, rtol=1e-12)
+
+
+def test_output_error_sigma_matches_the_scatter_of_coloured_noise() -> None:
+    model, flight, rng = rigid_model(), rigid_flight(6.0, 25.0), np.random.default_rng(6)
+    system = compile_model(model)
+    clean, std = np.array(fly(system, flight)), np.array([0.002, 0.002, 0.01])
+    errors, corrected, white = [], [], []
+    for _ in range(40):
+        z = clean + std[:, None] * ar1(rng, clean.shape, 0.8)
+        channels = tuple(Channel.of(name, "1", row) for name, row in zip(("alpha", "q", "nz"), z, strict=True))
+        record = Record(flight.time, (Channel.of("elevator", "rad", flight.u[0]),), channels)
+        estimate = fit_output_error([record], system, FitSettings(max_step=0.04))
+        errors.append(estimate.values - model.parameters.values(FREE))
+        corrected.append(estimate.std**2)
+        white.append(fit_output_error([record], system, FitSettings(max_step=0.04, coloured=False)).std ** 2)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    # 40 runs tell a scatter to 11 %; the taper over a fifth of the record leaves the correction somewhat small.
+    honest = np.sqrt(np.mean(corrected, axis=0)) / rms
+    assert np.all(honest > 0.6) and np.all(honest < 1.5)
+    assert np.all(np.sqrt(np.mean(white, axis=0)) < np.sqrt(np.mean(corrected, axis=0)))
+    assert np.median(np.sqrt(np.mean(white, axis=0)) / rms) < 0.6

@@ -1,0 +1,156 @@
+"""Equation error and the local polynomials it stands on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ident.equation_error import RegressionSettings, run_equation_error
+from ident.estimate import Outcome
+from ident.local_polynomial import half_width_by_cross_validation, smoothed, windows
+from ident.output_error import fit_output_error
+from ident.regression_data import rate_relations
+from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.errors import ModelError
+from sim.parameters import ParameterSet
+from sim.record import Channel, Record
+from sim.system import compile_model
+from tests.bases import RIGID_VALUES, ballistic_model, rigid_flight, rigid_model
+from tests.linear_problem import oscillator, record_of
+from tests.rigid_problem import FREE, TRUE, UNSTABLE, ballistic_record, noisy, rigid_record
+
+
+@given(seed=st.integers(0, 10**6), degree=st.integers(1, 3), half=st.integers(3, 8))
+def test_polynomials_are_met_exactly_whatever_the_sampling(seed: int, degree: int, half: int) -> None:
+    rng = np.random.default_rng(seed)
+    time, valid = np.cumsum(rng.uniform(0.01, 0.03, 60)), rng.random(60) > 0.2
+    coefficients = rng.normal(size=degree + 1)
+    values = np.where(valid, np.polyval(coefficients, time), 99.0)
+    fit = windows(time, valid, half, degree)
+    assert np.any(fit.usable)
+    np.testing.assert_allclose(
+        np.sum(fit.value * fit.gather(values), 1)[fit.usable], np.polyval(coefficients, time)[fit.usable], rtol=1e-7, atol=1e-7
+    )
+    slope = np.polyval(np.polyder(coefficients), time)
+    np.testing.assert_allclose(np.sum(fit.slope * fit.gather(values), 1)[fit.usable], slope[fit.usable], rtol=1e-5, atol=1e-5)
+    np.testing.assert_array_equal(fit.slope[~fit.usable], 0.0)
+
+
+def test_windows_over_gaps_are_not_used_and_bridged_straight() -> None:
+    time = np.concatenate([np.arange(20) * 0.1, 5.0 + np.arange(20) * 0.1])
+    valid = np.ones(40, dtype=bool)
+    valid[5:12] = False
+    fit = windows(time, valid, 3, 2)
+    # Three rows on either side of the middle of the hole, and those whose window holds the jump in time.
+    assert not np.any(fit.usable[7:10]) and not np.any(fit.usable[17:23])
+    assert np.all(fit.usable[[0, 4, 13, 16, 23, 39]])
+    values = np.where(valid, np.sin(time), 0.0)
+    assert smoothed(time, values, valid, 3)[8] == pytest.approx(np.interp(time[8], time[[4, 12]], np.sin(time[[4, 12]])))
+
+
+def test_cross_validation_widens_with_noise() -> None:
+    rng, time = np.random.default_rng(1), np.arange(300) * 0.02
+    curve, valid = np.sin(3.0 * time), np.ones(300, dtype=bool)
+    widths = [half_width_by_cross_validation(time, curve + std * rng.standard_normal(300), valid) for std in (1e-6, 0.01, 0.3)]
+    assert widths[0] < widths[1] < widths[2]
+    noise = 0.1 * rng.standard_normal(300)
+    half = half_width_by_cross_validation(time, curve + noise, valid)
+    assert np.std(smoothed(time, curve + noise, valid, half) - curve) < 0.5 * np.std(noise)
+
+
+@pytest.mark.parametrize("values", [RIGID_VALUES, UNSTABLE], ids=["stable", "unstable"])
+def test_nearly_exact_data_give_the_truth_from_any_start(values: dict[str, float]) -> None:
+    record = noisy(rigid_model(values), rigid_flight(6.0, 100.0), np.random.default_rng(2), scale=1e-4, offsets={"alpha": 0.02, "nz": -0.3})
+    start = rigid_model(values).with_values({name: -3.0 * values[name] for name in FREE}).with_biases(["alpha", "q", "nz"])
+    estimate = run_equation_error([record], compile_model(start))
+    assert estimate.outcome is Outcome.CONVERGED and estimate.names == FREE
+    truth = np.array([values[name] for name in FREE])
+    np.testing.assert_allclose(estimate.values, truth, rtol=0.02)
+
+
+def test_noisy_records_give_a_starter_with_a_sigma() -> None:
+    system = compile_model(rigid_model().with_values({name: 2.0 * RIGID_VALUES[name] for name in FREE}).with_biases(["alpha", "q", "nz"]))
+    errors, stated = [], []
+    for seed in range(12):
+        record = rigid_record(np.random.default_rng(seed))
+        estimate = run_equation_error([record], system)
+        assert estimate.outcome is Outcome.CONVERGED
+        errors.append(estimate.values - TRUE)
+        stated.append(estimate.std)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert np.all(rms < [0.03, 1.5, 0.04, 0.02, 1.5, 0.05])
+    ratio = rms / np.mean(stated, axis=0)
+    assert np.all(ratio > 0.4) and np.all(ratio < 2.2)
+    reference = fit_output_error([record], system)
+    assert np.all(stated[-1] > reference.std)
+    np.testing.assert_allclose(estimate.noise_std, reference.noise_std, rtol=0.35)
+
+
+def test_several_records_and_holes() -> None:
+    rng = np.random.default_rng(3)
+    records = [noisy(rigid_model(), rigid_flight(d), rng, offsets=o) for d, o in ((4.0, {"alpha": 0.01}), (6.0, {"alpha": -0.02}))]
+    channels = []
+    for channel in records[1].outputs:
+        values = np.where(rng.random(len(channel.values)) < 0.1, np.nan, channel.values)
+        values[120:150] = np.nan
+        channels.append(Channel.of(channel.name, channel.unit, values))
+    holed = replace(records[1], outputs=tuple(channels))
+    system = compile_model(rigid_model().with_biases(["alpha", "q", "nz"]))
+    both = run_equation_error([records[0], holed], system)
+    assert both.outcome is Outcome.CONVERGED and [f.shape for f in both.fitted] == [(3, 201), (3, 301)]
+    assert np.max(np.abs(both.values - TRUE) / both.std) < 6.0
+    assert np.all(both.std < run_equation_error([records[0]], system).std * 1.1)
+
+
+def test_a_velocity_is_the_slope_of_its_altitude() -> None:
+    system = compile_model(ballistic_model().with_values({"beta": 900.0}))
+    assert rate_relations(system) == {"altitude": "velocity"}
+    estimate = run_equation_error([ballistic_record(np.random.default_rng(4))], system)
+    assert estimate.outcome is Outcome.CONVERGED
+    assert estimate.values[0] == pytest.approx(2441.2, abs=5.0 * estimate.std[0])
+    assert estimate.std[0] < 100.0
+    assert rate_relations(compile_model(rigid_model())) == {}
+
+
+def test_a_parameter_without_influence_is_not_identifiable() -> None:
+    record = noisy(rigid_model(), replace(rigid_flight(3.0), u=np.zeros((1, 151))), np.random.default_rng(5))
+    estimate = run_equation_error([record], compile_model(rigid_model()))
+    assert estimate.outcome is Outcome.NOT_IDENTIFIABLE
+    assert np.all(np.isfinite(estimate.covariance)) and estimate.sigma("Cm_de") > 1e4
+
+
+def test_bounds_are_kept() -> None:
+    model = rigid_model()
+    items = tuple(replace(item, bounds=(3.2, 4.0), value=3.5) if item.name == "CL_alpha" else item for item in model.parameters)
+    estimate = run_equation_error([rigid_record(np.random.default_rng(6))], compile_model(model.with_parameters(ParameterSet(items))))
+    assert estimate.outcome is Outcome.CONVERGED and estimate.value("CL_alpha") == 3.2
+
+
+@given(powers=st.lists(st.floats(-3.0, 60.0), min_size=6, max_size=6))
+def test_wild_starts_end_in_finite_numbers(powers: list[float]) -> None:
+    start = rigid_model().with_values({name: 10.0**power for name, power in zip(FREE, powers, strict=True)})
+    estimate = run_equation_error([rigid_record(np.random.default_rng(7), 1.5, 20.0)], compile_model(start), RegressionSettings(iterations=5))
+    for array in (estimate.values, estimate.covariance, estimate.std, estimate.noise_std, np.array(estimate.log_likelihood), *estimate.fitted):
+        assert np.all(np.isfinite(array))
+
+
+def test_names_the_state_that_cannot_be_had() -> None:
+    record, model = rigid_record(np.random.default_rng(1), 2.0), rigid_model()
+    with pytest.raises(ModelError, match="state q is neither measured nor the rate of a measured state"):
+        run_equation_error([record.only(["alpha", "nz"])], compile_model(model))
+    with pytest.raises(ModelError, match="state eta1 is neither"):
+        run_equation_error([record], compile_model(model.with_effects(StructuralMode(1, (1,)))))
+    with pytest.raises(ModelError, match="sensor-lag:q keeps a memory"):
+        run_equation_error([record], compile_model(model.with_effects(SensorLag("q"))))
+    with pytest.raises(ModelError, match="no parameter is free"):
+        run_equation_error([record], compile_model(model.with_parameters(model.parameters.hold(FREE))))
+    short: Record = record.window(0.0, 0.03)
+    assert run_equation_error([short], compile_model(model)).outcome is Outcome.NOT_IDENTIFIABLE
+    # The oscillator's position is measured, but under another name.
+    with pytest.raises(ModelError, match="state position"):
+        run_equation_error([record_of(np.random.default_rng(1))], compile_model(oscillator()))
