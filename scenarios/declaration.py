@@ -77,6 +77,7 @@ class Estimation:
     spread : a pass after the first starts from the result of the one before with at most ``spread`` of its standard
         deviations, so that it linearises near that result; infinite keeps the declared priors. 20 counts the data
         1 + 1/400 times.
+    use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
     """
 
@@ -96,6 +97,7 @@ class Estimation:
     max_step: float = float("inf")
     passes: int = 1
     spread: float = float("inf")
+    use_priors: bool = False
     explanation: str = ""
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
@@ -110,7 +112,8 @@ class Scenario:
     name, title, about : for people.
     distance : how far the truth is from the model that is fitted.
     flight : the truth recipe. estimations : the main one first.
-    condensed : compare with the derivatives that static condensation of the elastic modes gives.
+    condensed : compare with the coefficients that static condensation gives, of those elastic modes that fly and that
+        an estimation's model lacks.
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
     """

@@ -100,7 +100,7 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
     elif estimation.method == "output-error":
         from ident.output_error import FitSettings, fit_output_error
 
-        estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step)))
+        estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
     else:
         from ident.equation_error import run_equation_error
 

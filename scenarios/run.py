@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,19 +11,20 @@ from ident.modal import modal_estimate
 from ident.residuals import ResidualTest, residual_tests
 from scenarios.declaration import EMPTY, Estimation, Scenario, Start
 from scenarios.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
-from scenarios.flying import fly_scenario, measured_again
+from scenarios.flying import fly_scenario, measured_again, true_model
+from scenarios.notes import prior_note, residual_notes
 from scenarios.published import published_values
 from sim.record import Record
 from sim.truth import Truth
-from sim.vehicles.condensation import condense
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.partial_condensation import condense_above
 
 
 @dataclass(frozen=True)
 class Row:
     """One parameter of one method: what is true, what was estimated, what a paper found; all in ``unit``.
 
-    ``condensed`` is the equivalent derivative by static condensation: what a rigid model should find on flexible data.
+    ``condensed`` is the coefficient by static condensation of the elastic modes that the model lacks: what it should find.
     """
 
     name: str
@@ -97,19 +98,33 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     """
     chosen = scenario.seed if seed is None else seed
     record, truth = fly_scenario(scenario, chosen)
-    condensed: Mapping[str, float] = EMPTY
-    if scenario.condensed:
-        condensed = condense(read_parameter_set(scenario.flight.vehicle).values, scenario.flight.modes).derivatives
     methods = []
     for estimation in scenario.estimations:
         seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
-        methods.append(_method(scenario, estimation, seen, truth, condensed))
-    return Study(scenario, chosen, record, truth, tuple(methods))
+        methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
+    return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods))
+
+
+def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
+    """What an estimation's model should find where the vehicle has more modes than it: condensed coefficients by name, SI."""
+    if not scenario.condensed:
+        return EMPTY
+    values = read_parameter_set(scenario.flight.vehicle).values
+    return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
 
 
 def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
     """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
+
+
+def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
+    notes = [prior_note(method.result) for method in methods]
+    if scenario.condensed:
+        model = true_model(scenario.flight)
+        for method in methods:
+            notes += residual_notes(method.result, model)
+    return tuple(note for note in notes if note)
 
 
 def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, condensed: Mapping[str, float]) -> MethodResult:

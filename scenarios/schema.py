@@ -76,6 +76,7 @@ class _Estimate(_Strict):
     max_step: Quantity | None = None
     passes: int = Field(default=1, ge=1)
     spread: float | None = Field(default=None, ge=5)
+    use_priors: bool = False
     explanation: str = ""
     published: _Published | None = None
     flown_noise_variance: dict[str, str] = {}
@@ -186,6 +187,7 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
         terms=estimate.terms,
         max_step=math.inf if estimate.max_step is None else _positive(_si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
         passes=estimate.passes,
+        use_priors=estimate.use_priors,
         spread=math.inf if estimate.spread is None else estimate.spread,
         explanation=" ".join(estimate.explanation.split()),
         published=published,
