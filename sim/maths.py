@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 COMPLEX_STEP = 1e-30
+_WIDE = 64  # runs beside each other, from which steps taken together are cheaper than solves one by one
 
 
 def plus(x: Any, port: Any) -> Any:
@@ -43,6 +44,27 @@ def cos(x: Any) -> Any:
     if isinstance(x, float):
         return math.cos(x)
     return cmath.cos(x) if isinstance(x, complex) else np.cos(x)
+
+
+def log(x: Any) -> Any:
+    """Natural logarithm of a positive float, of a complex number near one, or of an array of either."""
+    if isinstance(x, float):
+        return math.log(x)
+    return cmath.log(x) if isinstance(x, complex) else np.log(x)
+
+
+def sqrt(x: Any) -> Any:
+    """Square root of a float that is not negative, of a complex number, or of an array."""
+    if isinstance(x, float):
+        return math.sqrt(x)
+    return cmath.sqrt(x) if isinstance(x, complex) else np.sqrt(x)
+
+
+def asinh(x: Any) -> Any:
+    """Inverse hyperbolic sine of a float, complex number or array."""
+    if isinstance(x, float):
+        return math.asinh(x)
+    return cmath.asinh(x) if isinstance(x, complex) else np.arcsinh(x)
 
 
 def where(condition: Any, yes: Any, no: Any) -> Any:
@@ -111,29 +133,50 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     return y0 + share * (y1 - y0)
 
 
-def linear_recurrence(a: np.ndarray, b: np.ndarray, start: Any) -> np.ndarray:
+def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
     """Solve ``y[k+1] = a[k] y[k] + b[k]`` from ``y[0] = start``.
 
-    Shapes: ``a`` and ``b`` are ``(n, ...)`` with batch axes trailing; the result is
-    ``(n + 1, ...)``. Real one-dimensional input takes one banded triangular solve.
+    Shapes: ``a`` and ``b`` are ``(n, ...)`` with batch axes trailing; the result is ``(n + 1, ...)``. Real or complex.
+    Each run of a batch takes one banded triangular solve; very wide batches go step by step together.
     """
-    n = len(b)
-    if np.ndim(b) == 1 and np.ndim(a) == 1 and not (np.iscomplexobj(a) or np.iscomplexobj(b) or isinstance(start, complex)):
-        from scipy.linalg.lapack import dtbtrs
-
-        band = np.ones((2, n + 1))
-        band[1, :n] = -a
-        right = np.empty(n + 1)
-        right[0], right[1:] = start, b
-        solution, info = dtbtrs(band, right[:, None], uplo="L")
-        if info == 0:
-            return solution[:, 0]
-    shape = np.broadcast_shapes(np.shape(a)[1:], np.shape(b)[1:], np.shape(start))
-    y = np.empty((n + 1, *shape), dtype=np.result_type(a, b, np.asarray(start)))
+    a, b, start = np.asarray(a), np.asarray(b), np.asarray(start)
+    n, shape = len(b), np.broadcast_shapes(a.shape[1:], b.shape[1:], start.shape)
+    y = np.empty((n + 1, *shape), dtype=np.result_type(a, b, start, float))
     y[0] = start
-    for k in range(n):
-        y[k + 1] = a[k] * y[k] + b[k]
+    if math.prod(shape) > _WIDE:
+        for k in range(n):
+            y[k + 1] = a[k] * y[k] + b[k]
+        return y
+    from scipy.linalg.lapack import dtbtrs, ztbtrs
+
+    solve, depth = ztbtrs if np.iscomplexobj(y) else dtbtrs, len(shape)
+    y[1:] = trailing(b, depth)
+    factor = np.broadcast_to(trailing(a, depth), (n, *shape))
+    band = np.ones((2, n + 1), dtype=y.dtype)
+    for index in np.ndindex(shape):
+        column = (slice(None), *index)
+        band[1, :n] = -factor[column]
+        y[column] = solve(band, y[column][:, None], uplo="L", diag="U")[0][:, 0]
     return y
+
+
+def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) -> np.ndarray:
+    """Apply ``function(row, *scalars)`` to every run of a batch: for recursions that a batch cannot share.
+
+    ``rows`` is ``(n, ...)``, ``values`` scalars or arrays that broadcast with the batch axes; the function gets one
+    contiguous row ``(n,)`` and Python scalars and returns a row as long.
+    """
+    rows, values = np.asarray(rows), tuple(np.asarray(value) for value in values)
+    shape = np.broadcast_shapes(rows.shape[1:], *(value.shape for value in values))
+    if shape == ():
+        return function(rows, *(value.item() for value in values))
+    full = np.broadcast_to(trailing(rows, len(shape)), (len(rows), *shape))
+    given = [np.broadcast_to(value, shape) for value in values]
+    out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
+    for index in np.ndindex(shape):
+        column = (slice(None), *index)
+        out[column] = function(np.ascontiguousarray(full[column]), *(value[index].item() for value in given))
+    return out
 
 
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:

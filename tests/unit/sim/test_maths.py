@@ -12,7 +12,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.maths import COMPLEX_STEP, absolute, clip, complex_step_jacobian, cos, exp, interpolate, linear_recurrence, maximum, minimum, real, where
+from sim.maths import (
+    COMPLEX_STEP,
+    absolute,
+    clip,
+    complex_step_jacobian,
+    cos,
+    each_column,
+    exp,
+    interpolate,
+    linear_recurrence,
+    maximum,
+    minimum,
+    real,
+    where,
+)
 
 numbers = st.floats(-5.0, 5.0)
 seeds = st.integers(0, 10_000)
@@ -122,3 +136,23 @@ def test_linear_recurrence_in_batches_and_complex(seed: int) -> None:
     shift = 1e-6
     difference = (linear_recurrence(a[:, 0] + shift, b[:, 0], start[0]) - linear_recurrence(a[:, 0] - shift, b[:, 0], start[0])) / (2.0 * shift)
     np.testing.assert_allclose(stepped.imag / COMPLEX_STEP, difference, rtol=1e-6, atol=1e-7 * np.max(np.abs(difference)))
+
+
+def test_linear_recurrence_of_a_wide_batch_is_that_of_a_narrow_one() -> None:
+    generator = np.random.default_rng(4)
+    a, b, start = generator.uniform(-1.0, 1.0, (30, 100)), generator.standard_normal((30, 100)), generator.standard_normal(100)
+    wide = linear_recurrence(a, b, start)
+    np.testing.assert_allclose(wide[:, 40:60], linear_recurrence(a[:, 40:60], b[:, 40:60], start[40:60]), rtol=1e-13, atol=1e-14)
+
+
+def test_each_column_gets_its_own_row_and_scalars() -> None:
+    rows, factors = np.arange(6.0).reshape(3, 2), np.array([[2.0], [1j], [0.5]])
+
+    def scaled(row: np.ndarray, factor: complex, shift: float) -> np.ndarray:
+        assert row.ndim == 1 and isinstance(factor, (float, complex)) and isinstance(shift, float)
+        return np.cumsum(row) * factor + shift
+
+    out = each_column(scaled, rows, factors, 3.0)
+    assert out.shape == (3, 3, 2)
+    np.testing.assert_array_equal(out, np.cumsum(rows, axis=0)[:, None, :] * factors + 3.0)
+    np.testing.assert_array_equal(each_column(scaled, rows[:, 0], 2.0, np.float64(1.0)), np.cumsum(rows[:, 0]) * 2.0 + 1.0)
