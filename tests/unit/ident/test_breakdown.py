@@ -40,7 +40,7 @@ wild = st.tuples(st.sampled_from([-1.0, 1.0]), st.floats(-3.0, 12.0)).map(lambda
 
 
 @pytest.mark.parametrize("run", FILTERS)
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(factors=st.lists(wild, min_size=6, max_size=6), prior=st.floats(-2.0, 6.0), passes=st.integers(1, 3))
 def test_wild_aircraft(run: Filter, factors: list[float], prior: float, passes: int) -> None:
     record = rigid_record(np.random.default_rng(0), 3.0, 20.0)
@@ -49,7 +49,7 @@ def test_wild_aircraft(run: Filter, factors: list[float], prior: float, passes: 
 
 
 @pytest.mark.parametrize("run", FILTERS)
-@settings(max_examples=8)
+@settings(max_examples=6)
 @given(beta=wild)
 def test_wild_ballistic_coefficient(run: Filter, beta: float) -> None:
     assert_finite(run(ballistic_record(np.random.default_rng(0)), compile_model(ballistic_start(beta), online=True)))

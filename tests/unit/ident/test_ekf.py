@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def assert_same(record: Record, settings: FilterSettings, density: dict[str, flo
     history = estimate.history
     assert history is not None and estimate.outcome is Outcome.CONVERGED
     assert history.names == NAMES
-    pairs = [
+    pairs: list[tuple[Any, Any]] = [
         (history.mean, expected.x.T),
         (history.std, np.sqrt(np.diagonal(expected.P, axis1=1, axis2=2)).T),
         (history.covariance, expected.P),
@@ -87,7 +88,8 @@ def test_equals_the_covariance_form_with_absent_channels(absent: tuple[str, ...]
 
 def test_every_pass_starts_from_the_parameters_of_the_one_before() -> None:
     # Few noisy samples: the force keeps moving, since each pass takes its own result for its prior mean.
-    record, density = record_of(np.random.default_rng(7), 12), {}
+    record = record_of(np.random.default_rng(7), 12)
+    density: dict[str, float] = {}
     settings = FilterSettings(passes=4)
     estimate = run_ekf(record, compile_model(oscillator(density), online=True), settings)
     start, done, last = matrices(density).x0, 0, None
