@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.model import Equations, Model, Noise
@@ -44,7 +44,7 @@ def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def flexible_model(data: VehicleData, modes: int | None = None, noise: Noise | None = None) -> Model:
-    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one ElasticMode effect each.
+    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one StructuralMode effect each.
 
     Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of each mode the nine
     ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own ``Ceta_eta Ceta_etadot``. Couplings between
@@ -56,7 +56,7 @@ def flexible_model(data: VehicleData, modes: int | None = None, noise: Noise | N
     if not 0 <= wanted <= data.modes:
         raise DeclarationError(f"{wanted} elastic modes asked for", where=f"vehicle {data.name}", remedy=f"it has {data.modes}")
     numbers = tuple(range(1, wanted + 1))
-    model = rigid_model(data, noise).with_effects(*(ElasticMode(number, numbers) for number in numbers))
+    model = rigid_model(data, noise).with_effects(*(StructuralMode(number, numbers) for number in numbers))
     found = {name: _checked(data, name, unit) for name, unit, needed in mode_units(wanted) if needed or name in data}
     couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
     model = model.with_values({**couplings, **{name: number.value for name, number in found.items()}})
@@ -146,7 +146,7 @@ def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
 
 def mode_parameter(local: str, number: int) -> str:
     """Full name of a mode's parameter: ``CL_eta`` of mode 2 is ``CL_eta2``, ``Ceta_q`` is ``Ceta2_q``."""
-    return ElasticMode(number, (number,)).rename(local)
+    return StructuralMode(number, (number,)).rename(local)
 
 
 def mode_units(modes: int) -> tuple[tuple[str, str, bool], ...]:

@@ -281,7 +281,7 @@ def test_library_finds_by_name_and_by_vehicle() -> None:
     assert len(set(effect_names())) == len(effect_names())
     for name in effect_names():
         assert find_effect(name).name == name
-    assert find_effect("elastic-mode").name == "elastic-mode:1"
+    assert find_effect("elastic-mode").name == "elastic-mode"
     assert not applies(find_effect("gust-discrete"), Ballistic())
     assert find_effect("sensor-lag:altitude", Ballistic()) in effects_for(Ballistic())
     with pytest.raises(ModelError, match=r"sensor-lag:alpha, sensor-lag:q"):

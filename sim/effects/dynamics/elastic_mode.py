@@ -1,105 +1,144 @@
-"""One elastic mode of the structure, coupled to the rigid motion and to the other modes."""
+"""One elastic mode that the declared model lacks, as a record can show it: an oscillator driven by control and angle of attack."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.effect import Effect, Regularity, Signal, Station
 from sim.errors import ModelError
 from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
+SPACING = 1.09  # of the frequencies tried: a mode of that damping still answers between two
+FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
 @dataclass(frozen=True)
 class ElasticMode:
-    """Mode ``number`` of a flexible aircraft: eqs. 26-30 of the simulated-flight-data paper.
+    """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and what it adds.
 
-    CL += CL_eta eta + CL_etadot etadot c/(2V), Cm likewise, and
-    eta_ddot = -2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) [Ceta_alpha alpha + Ceta_q q c/(2V)
-    + Ceta_de elevator + sum_j (Ceta_etaJ eta_J + Ceta_etadotJ etadot_J c/(2V))], alpha with the gust in it.
+    The gain of the control is one by convention: eta is the deflection of the control that bends the structure as much when
+    held. Then ``lift`` and ``moment`` times eta add to the loads, and the gyro reads q + ``gyro`` eta_dot, the local rate of
+    bending. On the rigid aircraft eta is in rad and the loads are coefficients; on the low-order equivalent eta is
+    in the stick's unit and driven by the pseudo-control, with lift in 1/s and moment in 1/s2. alpha includes the gust.
 
     Attributes
     ----------
-    number : of this mode, from 1.
-    modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds nothing.
-
-    Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg m2), ``CL_eta1``,
-    ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency, damping and the couplings to and from
-    the rigid motion, but ``Ceta1_de``, which sets the scale of eta; the rest is held.
+    number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
+    fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away from the node: ``lift_rate``
+        and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
+    control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of lift, moment, gyro.
+    needs_constants : those of the equations it is written for.
     """
 
     number: int = 1
-    modes: tuple[int, ...] = (1,)
+    fine: bool = False
+    control: str = "elevator"
+    angle: str = "rad"
+    loads: tuple[str, str] = ("1/rad", "1/rad")
+    sizes: tuple[float, float, float] = (0.2, -0.3, 0.02)
+    needs_constants: tuple[str, ...] = ("Cm_alpha",)
 
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    needs_constants: ClassVar[tuple[str, ...]] = ("chord",)
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"frequency": (3.0, 200.0), "damping": (0.003, 0.3)})
     explanation: ClassVar[str] = (
-        "The structure bends. Each mode is an oscillator that the air drives and that changes the lift and the moment in turn: eta_ddot = "
-        "-2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "
-        "CL_etadot etadot c/(2V), Cm likewise. Slow maneuvers only see derivatives that have changed (the mode follows at once); fast ones ring at "
-        "the mode's frequency. The scale of eta is a convention: doubling it halves CL_eta and Cm_eta and doubles Ceta_alpha, Ceta_q and Ceta_de, "
-        "so one of them must be held."
+        "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
+        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift eta "
+        "and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. After each quick control input the record rings at one "
+        "frequency above the short period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed here by the gain of one "
+        "on the control. A mode much faster than the input merely changes the derivatives and leaves no trace."
     )
 
     def __post_init__(self) -> None:
-        if self.number < 1 or self.number not in self.modes or len(set(self.modes)) < len(self.modes):
-            raise ModelError(
-                f"mode {self.number} among the modes {self.modes}", where="elastic mode", remedy="number modes from 1, each once, its own included"
-            )
+        if self.number < 1:
+            raise ModelError(f"mode {self.number}", where="elastic-mode", remedy="number further modes from 2")
 
     @property
     def name(self) -> str:
-        return f"elastic-mode:{self.number}"
+        return "elastic-mode" if self.number == 1 else f"elastic-mode#{self.number}"
 
     @property
     def states(self) -> tuple[Signal, ...]:
         return (
-            Signal(f"eta{self.number}", "1", f"generalized coordinate of mode {self.number}"),
-            Signal(f"etadot{self.number}", "1/s", f"rate of the generalized coordinate of mode {self.number}"),
+            Signal(f"bending_{self.number}", self.angle, "bending of an elastic mode"),
+            Signal(f"bending_rate_{self.number}", f"{self.angle}/s", "its rate"),
         )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Starting values: a low bending mode of a large aircraft; couplings among modes start at zero."""
-        own = (
-            Parameter("omega", 12.0, "rad/s", bounds=(0.5, 300.0)),
-            Parameter("zeta", 0.02, "1", bounds=(0.0, 1.0)),
-            Parameter("generalized_mass", 250.0, "kg m2", bounds=(1e-6, 1e12), free=False),
-            Parameter("CL_eta", 0.03, "1"),
-            Parameter("CL_etadot", 0.08, "1"),
-            Parameter("Cm_eta", -0.03, "1"),
-            Parameter("Cm_etadot", -0.16, "1"),
-            Parameter("Ceta_alpha", -0.015, "1/rad"),
-            Parameter("Ceta_q", -0.1, "1/rad"),
-            Parameter("Ceta_de", -0.013, "1/rad", free=False),
+        lift, moment, gyro = self.sizes
+        base = (
+            Parameter("frequency", 15.0, "rad/s", bounds=(1.0, 400.0)),
+            Parameter("damping", DAMPING, "1", bounds=(0.0005, 0.7)),
+            Parameter("lift", lift, self.loads[0]),
+            Parameter("moment", moment, self.loads[1]),
+            Parameter("angle_gain", 0.0, f"{self.angle}/rad"),
+            Parameter("gyro", gyro, f"rad/{self.angle}"),
         )
-        couplings = [(Parameter(f"Ceta_eta{j}", 0.0, "1", free=False), Parameter(f"Ceta_etadot{j}", 0.0, "1", free=False)) for j in self.modes]
-        return own + tuple(item for pair in couplings for item in pair)
+        if not self.fine:
+            return base
+        return (
+            *base,
+            Parameter("lift_rate", 0.3 * lift, self.loads[0]),
+            Parameter("moment_rate", 0.3 * moment, self.loads[1]),
+            Parameter("pitch_gain", 0.0, f"{self.angle} s/rad"),
+            Parameter("accelerometer", 0.1 * gyro, f"g s2/{self.angle}"),
+        )
 
-    def rename(self, local: str) -> str:
-        """Full name of a parameter: ``CL_eta`` is ``CL_eta1``, ``Ceta_eta2`` is ``Ceta1_eta2``."""
-        return local.replace("Ceta_", f"Ceta{self.number}_") if local.startswith("Ceta_") else f"{local}{self.number}"
+    @property
+    def absent(self) -> Mapping[str, float]:
+        further = ("lift_rate", "moment_rate", "accelerometer") if self.fine else ()
+        return MappingProxyType(dict.fromkeys(("lift", "moment", "gyro", *further), 0.0))
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        eta = getattr(s, f"eta{self.number}")
-        etadot_hat = getattr(s, f"etadot{self.number}") * vehicle.chord / (2.0 * s.V)
-        return {"lift": p.CL_eta * eta + p.CL_etadot * etadot_hat, "moment": p.Cm_eta * eta + p.Cm_etadot * etadot_hat}
+        eta, rate = self._bending(s)
+        lift, moment = p.lift * eta, p.moment * eta
+        if self.fine:
+            phase = rate / p.frequency
+            lift, moment = lift + p.lift_rate * phase, moment + p.moment_rate * phase
+        return {"lift": lift, "moment": moment}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        eta, etadot = getattr(s, f"eta{self.number}"), getattr(s, f"etadot{self.number}")
-        half_chord_time = vehicle.chord / (2.0 * s.V)
-        force = p.Ceta_alpha * s.alpha_air + p.Ceta_q * s.q_hat + p.Ceta_de * s.elevator
-        for j in self.modes:
-            force = force + getattr(p, f"Ceta_eta{j}") * getattr(s, f"eta{j}", 0.0)
-            force = force + getattr(p, f"Ceta_etadot{j}") * getattr(s, f"etadot{j}", 0.0) * half_chord_time
-        spring = -2.0 * p.zeta * p.omega * etadot - p.omega * p.omega * eta
-        return etadot, spring + s.pressure_area * vehicle.chord / p.generalized_mass * force
+        eta, rate = self._bending(s)
+        force = getattr(s, self.control) + p.angle_gain * s.alpha_air - eta
+        if self.fine:
+            force = force + p.pitch_gain * s.q
+        return rate, p.frequency * (p.frequency * force - 2.0 * p.damping * rate)
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        rate, acceleration = self.derivatives(s, vehicle, p)
+        changed = {"q": y["q"] + p.gyro * rate}
+        return {**changed, "nz": y["nz"] + p.accelerometer * acceleration} if self.fine else changed
+
+    def finer(self) -> Effect:
+        """The same mode with all its couplings."""
+        return replace(self, fine=True)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
+        slowest, fastest = max(2.0, 4.0 * math.pi / max(occasion.duration, 1.0)), min(0.8 * math.pi / occasion.interval, FASTEST)
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
+        peaks = [frequency for frequency in occasion.residual_peaks if slowest <= frequency <= fastest]
+        slopes = tuple(self.absent)
+        start = {item.name: item.value for item in self.parameters} | dict.fromkeys(slopes, 0.0) | {"damping": DAMPING}
+        return tuple(Probe({**start, "frequency": frequency}, slopes) for frequency in (*peaks, *grid))
+
+    def _bending(self, s: Any) -> tuple[Any, Any]:
+        return getattr(s, f"bending_{self.number}"), getattr(s, f"bending_rate_{self.number}")
 
 
-VARIANTS: tuple[Effect, ...] = (ElasticMode(),)
+VARIANTS: tuple[Effect, ...] = (
+    ElasticMode(),
+    ElasticMode(control="delta", angle="1", loads=("1/s", "1/s2"), sizes=(0.002, -0.04, 0.002), needs_constants=("M_delta",)),
+)

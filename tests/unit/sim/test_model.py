@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
@@ -17,7 +17,7 @@ from tests.bases import rigid_model
 
 
 def test_an_effect_brings_its_parameters_under_full_names() -> None:
-    model = rigid_model().with_effects(InputDelay(), SensorLag("q"), ElasticMode(2, (2,)))
+    model = rigid_model().with_effects(InputDelay(), SensorLag("q"), StructuralMode(2, (2,)))
     added = model.parameters.names[len(rigid_model().parameters) :]
     assert added[:4] == ("input-delay.delay", "sensor-lag:q.time_constant", "omega2", "zeta2")
     assert model.parameters["input-delay.delay"].bounds == (0.0, 2.0)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from sim.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
 from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
@@ -170,7 +170,7 @@ def test_biases_add_to_what_the_sensors_pass_on() -> None:
 
 
 def test_readings_and_modes_and_gusts_meet_on_the_bus() -> None:
-    model = rigid_model().with_effects(Wind(), ElasticMode(1, (1, 2)), ElasticMode(2, (1, 2)))
+    model = rigid_model().with_effects(Wind(), StructuralMode(1, (1, 2)), StructuralMode(2, (1, 2)))
     system = compile_model(model)
     assert system.state_names == ("alpha", "q", "w", "eta1", "etadot1", "eta2", "etadot2")
     assert [item.free for item in system.initial] == [True, True, False, False, False, False, False]
@@ -185,7 +185,7 @@ def test_readings_and_modes_and_gusts_meet_on_the_bus() -> None:
 
 
 def test_noise_carries_each_density_to_its_state_and_each_variance_to_its_output() -> None:
-    model = rigid_model().with_effects(ElasticMode(1, (1,)), Wind()).with_noise(Noise({"alpha": 0.1, "nz": 0.2}, {"q": 0.03, "etadot1": 0.7}))
+    model = rigid_model().with_effects(StructuralMode(1, (1,)), Wind()).with_noise(Noise({"alpha": 0.1, "nz": 0.2}, {"q": 0.03, "etadot1": 0.7}))
     system = compile_model(model, ["nz", "q"])
     density, variance = system.noise(at(system, **{"wind.sigma": 3.0}))
     assert dict(zip(system.state_names, density, strict=True)) == {"alpha": 0.0, "q": 0.03, "eta1": 0.0, "etadot1": 0.7, "w": 2.0 * 9.0 * 0.5}
@@ -235,7 +235,7 @@ def test_declared_starts_of_added_states_are_kept() -> None:
     assert compile_model(model).initial["w"].value == 0.0
 
 
-EVERYTHING: tuple[Effect, ...] = (GustDiscrete(), ElasticMode(1, (1,)), SensorLag("q"))
+EVERYTHING: tuple[Effect, ...] = (GustDiscrete(), StructuralMode(1, (1,)), SensorLag("q"))
 
 
 def everything() -> tuple[Model, System]:

@@ -1,4 +1,4 @@
-"""Elastic modes against the aircraft written a second time, and against the roots that its table gives."""
+"""Structural modes against the aircraft written a second time, and against the roots that its table gives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from sim.effect import full_name
 from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from sim.model import Model
@@ -25,7 +25,7 @@ AC2_SHORT_PERIOD = {1: -0.420 + 1.192j, 2: -0.400 + 1.037j, 3: -0.384 + 0.944j, 
 
 def flexible_model(modes: int, frequency_factor: float = 1.0) -> Model:
     numbers = tuple(range(1, modes + 1))
-    model = rigid_model().with_effects(*(ElasticMode(number, numbers) for number in numbers))
+    model = rigid_model().with_effects(*(StructuralMode(number, numbers) for number in numbers))
     return model.with_values(parameters_in_si(modes, frequency_factor))
 
 
@@ -85,7 +85,7 @@ def test_a_gust_bends_the_structure_as_in_the_second_writing() -> None:
 
 
 def test_full_names_carry_the_number_of_the_mode() -> None:
-    mode = ElasticMode(2, (1, 2))
+    mode = StructuralMode(2, (1, 2))
     names = [full_name(mode, item.name) for item in mode.parameters]
     assert names == [
         *("omega2", "zeta2", "generalized_mass2", "CL_eta2", "CL_etadot2", "Cm_eta2", "Cm_etadot2", "Ceta2_alpha", "Ceta2_q", "Ceta2_de"),
@@ -104,4 +104,4 @@ def test_a_mode_that_was_taken_out_couples_no_longer() -> None:
 @pytest.mark.parametrize(("number", "modes"), [(0, (0,)), (2, (1,)), (1, (1, 1))])
 def test_wrong_numbers_are_refused(number: int, modes: tuple[int, ...]) -> None:
     with pytest.raises(ModelError, match="number modes from 1"):
-        ElasticMode(number, modes)
+        StructuralMode(number, modes)
