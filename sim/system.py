@@ -35,7 +35,8 @@ class System:
     each state's forcing and the measurement variance of each output. ``input_stages`` and
     ``sensor_stages`` name the effects on the two paths: with none the path is the identity, bit for bit.
     ``input_parameters`` act on the input path only, ``output_parameters`` only after the dynamics: an algorithm may
-    spare itself the derivatives of ``f`` by them.
+    spare itself the derivatives of ``f`` by them. ``stationary`` names the states of noise effects: random ones, whose start
+    is drawn from their own stationary distribution.
     """
 
     states: tuple[Signal, ...]
@@ -53,6 +54,7 @@ class System:
     h: Callable[[Any, Rows, Rows, Rows], list[Any]]
     sensor_path: Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]
     noise: Callable[[Rows], tuple[list[Any], list[Any]]]
+    stationary: frozenset[str] = frozenset()
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -212,6 +214,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         h,
         sensor_path,
         noise,
+        frozenset(signal.name for effect in dynamics if isinstance(effect, NoiseEffect) for signal in effect.states),
     )
 
 
