@@ -20,6 +20,6 @@ def inverse_information(information: np.ndarray, size: np.ndarray) -> tuple[np.n
     """
     scale = conditional_scale(information, size)
     values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    floor = UNDETERMINED * max(float(values[-1]), 1e-300)
+    floor = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
     inverse = np.outer(scale, scale) * ((vectors / np.maximum(values, floor)) @ vectors.T)
     return inverse, bool(values[0] > floor)

@@ -126,15 +126,15 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     columns = {position: 1 + n_x + column for column, position in enumerate(problem.moving)}
     X = np.array(np.broadcast_to(guess[:, :-1, None], (n_x, guess.shape[1] - 1, width)), dtype=by_parameter.dtype)
     X[np.arange(n_x), :, 1 + np.arange(n_x)] += by_state[:, None]
-    reached = _cross_intervals(
-        problem, list(X), _drive(problem, p, columns, by_parameter, width), _shifted(problem, p, columns, by_parameter, width)
-    )[-1]
+    reached = cross_intervals(problem, list(X), _drive(problem, p, columns, by_parameter, width), _shifted(problem, p, columns, by_parameter, width))[
+        -1
+    ]
     ends = np.array([np.broadcast_to(r, X.shape[1:]) for r in reached])
     base = ends[:, :, 0].real
     A = _slopes(problem, ends[:, :, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, guess.shape[1] - 1, n_p))
     B[:, :, list(problem.moving)] = _slopes(problem, ends[:, :, 1 + n_x :], base, by_parameter[list(problem.moving)])
-    corrections = _join(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
+    corrections = join_intervals(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
     states, sensitivity = guess + corrections[:, :, 0], corrections[:, :, 1:]
     steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
     y, jacobian = _outputs(problem, p, states, sensitivity, steps)
@@ -183,7 +183,7 @@ def _drive(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], st
     return Drive((first, middle, last), spread(drive.begin), spread(drive.end))
 
 
-def _join(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
+def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
     """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, K + 1, 1 + np + ns)``."""
     from scipy.linalg.lapack import dtbtrs
 
@@ -207,31 +207,37 @@ def _join(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[in
 
 def _outputs(problem: RecordProblem, p: np.ndarray, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Outputs at the samples and their derivatives along each column of ``by_state``; the base is column 0."""
-    system, grid, c = problem.system, problem.grid, 1 + len(steps)
+    c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
     rows_p, drive = _shifted(problem, p, columns, steps, c), _drive(problem, p, columns, steps, c)
     moved = states[:, :, None] + by_state * steps
     X = list(np.concatenate([np.array(states[:, :, None], dtype=moved.dtype), moved], axis=2))
-    sample = grid.sample
-    if not system.sensor_stages:
-        at = [row[sample // grid.substeps] for row in X]
-        rows = system.h(grid.edges[sample, None], at, [_column(row[sample]) for row in drive.begin], rows_p)
-    else:
-        inside = _cross_intervals(problem, [row[:-1] for row in X], drive, rows_p)
-        begin_x = [np.concatenate([np.stack([step[i] for step in inside[:-1]], 1).reshape(-1, c), X[i][-1:]]) for i in range(len(X))]
-        end_x = [np.stack([step[i] for step in inside[1:]], 1).reshape(-1, c) for i in range(len(X))]
-        begin = system.h(grid.edges[:, None], begin_x, [_column(row) for row in drive.begin], rows_p)
-        end = system.h(grid.edges[1:, None], end_x, [_column(row) for row in drive.end], rows_p)
-        n = len(grid.edges)
-        begin, end = [np.broadcast_to(v, (n, c)) for v in begin], [np.broadcast_to(v, (n - 1, c)) for v in end]
-        begin, _ = system.sensor_path(rows_p, begin, end, grid.steps)
-        rows = [row[sample] for row in begin]
-    full = np.array([np.broadcast_to(row, (len(sample), c)) for row in rows])
+    full = sample_outputs(problem, rows_p, X, drive, c)
     base = full[:, :, 0].real.copy()
     return base, _slopes(problem, full[:, :, 1:], base, steps)
 
 
-def _cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
+def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, c: int) -> np.ndarray:
+    """Outputs at the record's samples ``(m, N, c)`` from states at the nodes, rows ``(K + 1, c)``."""
+    system, grid = problem.system, problem.grid
+    sample = grid.sample
+    if not system.sensor_stages:
+        at = [row[sample // grid.substeps] for row in X]
+        rows = system.h(grid.edges[sample, None], at, [_column(row[sample]) for row in drive.begin], p)
+    else:
+        inside = cross_intervals(problem, [row[:-1] for row in X], drive, p)
+        begin_x = [np.concatenate([np.stack([step[i] for step in inside[:-1]], 1).reshape(-1, c), X[i][-1:]]) for i in range(len(X))]
+        end_x = [np.stack([step[i] for step in inside[1:]], 1).reshape(-1, c) for i in range(len(X))]
+        begin = system.h(grid.edges[:, None], begin_x, [_column(row) for row in drive.begin], p)
+        end = system.h(grid.edges[1:, None], end_x, [_column(row) for row in drive.end], p)
+        n = len(grid.edges)
+        begin, end = [np.broadcast_to(v, (n, c)) for v in begin], [np.broadcast_to(v, (n - 1, c)) for v in end]
+        begin, _ = system.sensor_path(p, begin, end, grid.steps)
+        rows = [row[sample] for row in begin]
+    return np.array([np.broadcast_to(row, (len(sample), c)) for row in rows])
+
+
+def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
     """States before the first and after every sub-step of all node intervals, rows ``(K, c)``."""
     grid, substeps = problem.grid, problem.grid.substeps
     times, steps = grid.edges[:-1].reshape(-1, substeps, 1), grid.steps.reshape(-1, substeps, 1)

@@ -1,0 +1,220 @@
+"""The random part of a System along a trajectory: discrete transition, noise covariance, output sensitivity.
+
+States that white noise reaches deviate from the deterministic trajectory as x_dot = F x + w, y = H x, with F and H
+linearised there and w of the System's spectral density. Only those states are kept. A free initial state is an
+unknown of the fit, so its deviation starts at zero; states of a noise effect start from their stationary spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.whole_record import RecordProblem
+from sim.maths import COMPLEX_STEP
+from sim.system import System
+
+_SLOPE = 1e-5  # of a parameter's size, for central differences
+_KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to rounding
+
+
+@dataclass(frozen=True, eq=False)
+class RandomMotion:
+    """Linear random motion over the nodes ``0 .. K`` of a record, ``n`` states.
+
+    ``Phi``, ``Q`` ``(K, n, n)`` lead from node k to k + 1; ``H (K + 1, m, n)``; ``start (n, n)``. The leading axis has length 1
+    where nothing changes over the record. In derivatives by D quantities a further axis D precedes the matrices.
+    """
+
+    Phi: np.ndarray
+    Q: np.ndarray
+    H: np.ndarray
+    start: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSlopes:
+    """Derivatives of a RandomMotion by the quantities ``of`` (positions among those asked for) that change it."""
+
+    of: tuple[int, ...]
+    motion: RandomMotion
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """All parameters ``p`` and the factor ``scale`` on the declared process noise's standard deviation."""
+
+    p: np.ndarray
+    scale: float
+
+
+def random_motion(
+    problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]] = ()
+) -> tuple[RandomMotion, MotionSlopes]:
+    """Random motion about ``states (nx, K + 1)``, and its derivatives.
+
+    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``. The
+    derivatives are those at the given trajectory; that the trajectory moves too is left out.
+    """
+    system, m = problem.system, len(problem.system.outputs)
+    variations = [at, *(end for low, high, _ in moved for end in (low, high))]
+    density = np.array([_density(system, variation) for variation in variations])
+    nodes = problem.grid.nodes
+    if not np.any(density):
+        return _motionless(m), MotionSlopes((), _motionless(m))
+    t, X, U = _middles(problem, states)
+    F = _jacobian(system, system.f, t, X, U, [at])[:, 0]
+    H = _jacobian(system, system.h, nodes, states, _inputs(problem, nodes), [at])[:, 0]
+    still_F, still_H = _constant(F), _constant(H)
+    few = slice(0, 1)
+    F_all = _jacobian(system, system.f, t[few], X[:, few], U[:, few], variations) if still_F else _jacobian(system, system.f, t, X, U, variations)
+    at_H = few if still_H else slice(None)
+    H_all = _jacobian(system, system.h, nodes[at_H], states[:, at_H], _inputs(problem, nodes)[:, at_H], variations)
+    kept = _reached(np.any(F_all != 0, axis=(0, 1)), np.any(density > 0, axis=0))
+    F_all, H_all, density = F_all[..., kept[:, None], kept], H_all[..., kept], density[:, kept]
+    Phi, Q = _over_steps(F_all, density, np.diff(nodes))
+    stationary = np.array([system.state_names[i] in system.stationary for i in kept])
+    starts = np.array([_stationary_spread(F_all[0, v], density[v], stationary) for v in range(len(variations))])
+    base = RandomMotion(Phi[:, 0], Q[:, 0], H_all[:, 0], starts[0])
+    width = np.array([distance for _, _, distance in moved])
+
+    def slope(values: np.ndarray, axis: int) -> np.ndarray:
+        low, high = np.take(values, range(1, 2 * len(moved), 2), axis), np.take(values, range(2, 2 * len(moved) + 1, 2), axis)
+        shape = [1] * values.ndim
+        shape[axis] = len(moved)
+        return (high - low) / width.reshape(shape)
+
+    slopes = [slope(Phi, 1), slope(Q, 1), slope(H_all, 1), slope(starts, 0)]
+    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, i]) for part in slopes[:3]) or np.any(slopes[3][i]))
+    index = list(of)
+    return base, MotionSlopes(of, RandomMotion(slopes[0][:, index], slopes[1][:, index], slopes[2][:, index], slopes[3][index]))
+
+
+def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
+    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then by the scale if wanted."""
+    pairs = []
+    for position, size in zip(positions, sizes, strict=True):
+        step, ends = _SLOPE * size, []
+        for sign in (-1.0, 1.0):
+            p = at.p.copy()
+            p[position] += sign * step
+            ends.append(Variation(p, at.scale))
+        pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
+    if scale:
+        step = _SLOPE * max(at.scale, 1.0)
+        pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
+    return pairs
+
+
+def _motionless(m: int) -> RandomMotion:
+    return RandomMotion(np.zeros((1, 0, 0)), np.zeros((1, 0, 0)), np.zeros((1, m, 0)), np.zeros((0, 0)))
+
+
+def _density(system: System, variation: Variation) -> np.ndarray:
+    declared = np.array([system.declared_noise.process_density.get(name, 0.0) for name in system.state_names])
+    density = np.array(system.noise(variation.p.tolist())[0], dtype=float)
+    return density + (variation.scale**2 - 1.0) * declared
+
+
+def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
+    """Recorded inputs ``(nu, len(times))``; a lag on their way hardly changes a linearisation."""
+    rows = problem.record.input_array(problem.system.input_names)
+    return np.array([np.interp(times, problem.record.time, row) for row in rows]).reshape(len(rows), len(times))
+
+
+def _middles(problem: RecordProblem, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    nodes = problem.grid.nodes
+    times = 0.5 * (nodes[:-1] + nodes[1:])
+    return times, 0.5 * (states[:, :-1] + states[:, 1:]), _inputs(problem, times)
+
+
+def _jacobian(system: System, function: Any, t: np.ndarray, X: np.ndarray, U: np.ndarray, variations: Sequence[Variation]) -> np.ndarray:
+    """Derivative of ``f`` or ``h`` by the states, ``(B, V, rows, nx)``, exact to rounding (complex step)."""
+    n_x = len(X)
+    x = [np.repeat(row[:, None, None].astype(complex), n_x, axis=2) for row in X]
+    for i in range(n_x):
+        x[i][:, :, i] += 1j * COMPLEX_STEP
+    values = np.array([variation.p for variation in variations])
+    same = np.all(values == values[0], axis=0)
+    p = [float(values[0, i]) if same[i] else values[:, i][:, None] for i in range(values.shape[1])]
+    rows = function(t[:, None, None], x, list(U[:, :, None, None]), p)
+    shape = (len(t), len(variations), n_x)
+    return np.stack([np.broadcast_to(np.imag(row), shape) for row in rows], axis=2) / COMPLEX_STEP
+
+
+def _constant(matrices: np.ndarray) -> bool:
+    spread = np.ptp(matrices, axis=0)
+    return bool(np.all(spread <= 1e-13 * np.max(np.abs(matrices), axis=0)))
+
+
+def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
+    """Positions of the states that the forcing reaches through the couplings ``(nx, nx)``."""
+    reached = forced.copy()
+    for _ in range(len(reached)):
+        reached = reached | np.any(coupled & reached, axis=1)
+    return np.flatnonzero(reached)
+
+
+def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Phi and Q over each step, ``(K or 1, V, n, n)``, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
+    low, high = float(steps.min()), float(steps.max())
+    if len(F) > 1:
+        return discretised(F, density, steps[:, None])
+    if high - low <= 1e-9 * high:
+        return discretised(F, density, np.full((1, 1), steps.mean()))
+    # One F and many steps: the result is a smooth function of the step.
+    angle = np.pi * (np.arange(_KNOTS) + 0.5) / _KNOTS
+    knots = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
+    share = _barycentric(knots, (-1.0) ** np.arange(_KNOTS) * np.sin(angle), steps)
+    Phi, Q = discretised(np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None])
+    return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
+
+
+def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
+    away = at[:, None] - knots
+    hit = away == 0
+    share = weights / np.where(hit, 1.0, away)
+    share = np.where(np.any(hit, axis=1)[:, None], hit, share)
+    return share / share.sum(axis=1, keepdims=True)
+
+
+def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
+
+    Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
+    on a short step, then doubling.
+    """
+    n = F.shape[-1]
+    size = np.max(np.sum(np.abs(F), axis=-1).max(axis=-1) * dt, initial=0.0)
+    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
+    h = (dt / 2**halvings)[..., None, None]
+    step = F * h
+    Phi = np.broadcast_to(np.eye(n), step.shape).copy()
+    term = Phi
+    Q = np.zeros_like(step)
+    part = np.broadcast_to(density[..., None] * np.eye(n), step.shape) * h
+    for k in range(1, 18):
+        Q = Q + part
+        term = step @ term / k
+        Phi = Phi + term
+        once = step @ part / (k + 1)
+        part = once + np.swapaxes(once, -1, -2)
+    for _ in range(halvings):
+        Q = Q + Phi @ Q @ np.swapaxes(Phi, -1, -2)
+        Phi = Phi @ Phi
+    return Phi, 0.5 * (Q + np.swapaxes(Q, -1, -2))
+
+
+def _stationary_spread(F: np.ndarray, density: np.ndarray, stationary: np.ndarray) -> np.ndarray:
+    """Covariance at the start: of the stationary states that of F P + P F^T + diag(density) = 0; zero where they are not stable."""
+    n, at = len(F), np.flatnonzero(stationary)
+    start = np.zeros((n, n))
+    block = F[np.ix_(at, at)]
+    if at.size and np.all(np.linalg.eigvals(block).real < 0):
+        eye = np.eye(at.size)
+        solution = np.linalg.solve(np.kron(block, eye) + np.kron(eye, block), -np.diag(density[at]).ravel())
+        start[np.ix_(at, at)] = solution.reshape(at.size, at.size)
+    return start

@@ -1,0 +1,184 @@
+"""The tracing loop: fit, find what is missing, trace it, add it, refit, and judge on data that were not fitted."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ident.modal import modal_estimate
+from ident.output_error import estimate_of
+from ident.residuals import ResidualTest
+from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness
+from ident.tracing.cleaning import cleaned_inputs, measured_masks, spike_claims, spike_masks
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.node import Node
+from ident.tracing.search import Search, grow, look_back, quantities, refined
+from ident.tracing.settings import TraceSettings
+from ident.tracing.verdict import alternatives_of, best_by_held_out, judge
+from sim.effect import Effect
+from sim.errors import ModelError
+from sim.model import Model
+from sim.record import Record
+
+GUARD = "guard:"  # names of terms that compete like effects and can never be claimed
+
+
+def diagnose(
+    records: Sequence[Record],
+    model: Model,
+    candidates: Sequence[Effect],
+    guards: Sequence[Effect],
+    validation: Sequence[Record],
+    settings: TraceSettings | None = None,
+    progress: Callable[[str, float], None] = lambda text, share: None,
+) -> Diagnosis:
+    """Trace what a model lacks.
+
+    Parameters
+    ----------
+    records : the data to fit. model : the declared model, with its biases; noise levels are estimated.
+    candidates : effects that may be claimed. guards : terms that compete like effects but mean ``unexplained``.
+    validation : data that are not fitted; empty means that errors are those of the fit.
+    progress : told what is being done and how much of the work that is.
+
+    Raises
+    ------
+    ModelError : a record without any output of the model, or a declared model that cannot be fitted at all.
+    """
+    settings = settings or TraceSettings()
+    started = clock.perf_counter()
+    seconds: dict[str, float] = {}
+    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
+
+    def stage(name: str) -> None:
+        seconds[name] = clock.perf_counter() - started - sum(seconds.values())
+
+    progress("fitting the declared model", 0.0)
+    search = Search(records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress)
+    root = search.fit((), None)
+    if root is None:
+        raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check units and starting values")
+    search, root, input_claims = cleaned_inputs(search, root)
+    search.masks = spike_masks(search, root)
+    root = search.fit((), root) or root
+    stage("declared model")
+    best = refined(search, look_back(search, grow(search, root)))
+    stage("search")
+    masks, claims = spike_claims(search, best)
+    if any(not np.array_equal(a, b) for a, b in zip(masks, search.masks, strict=True)):
+        search.masks = masks
+        best = search.fit(best.effects, best) or best
+        search.keep(best, best.criterion)
+        root = search.fit((), root) or root
+    stage("spikes")
+    progress("judging on data that were not fitted", 0.9)
+    best, out_after = best_by_held_out(search, best, validation)
+    out_before = held_out(root, validation, None, informed=False) if validation else HeldOut(None, None)
+    tests_before = tuple(whiteness(root.fit, "fitted"))
+    tests_after = tuple(whiteness(best.fit, "fitted"))
+    if out_after.informed is not None:
+        tests_after += tuple(whiteness(out_after.informed, "held out"))
+    guarded = [name for name in best.names if name.startswith(GUARD)]
+    effects = [*input_claims, *claims, *_claims(search, best, guarded)]
+    verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
+    if verdict is Verdict.UNEXPLAINED:
+        effects = [_hint(effect) for effect in effects]
+    stage("held out")
+    return _diagnosis(
+        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds
+    )
+
+
+def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
+    others = alternatives_of(search, best)
+    return [
+        Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, (), effect.explanation)
+        for effect in best.effects
+        if not effect.name.startswith(GUARD)
+    ]
+
+
+def _hint(claim: Claim) -> Claim:
+    return Claim(claim.name, claim.parameters, claim.alternatives, False, claim.records, claim.explanation)
+
+
+def _diagnosis(
+    search: Search,
+    root: Node,
+    best: Node,
+    verdict: Verdict,
+    effects: Sequence[Claim],
+    warnings: Sequence[str],
+    tests: tuple[tuple[ResidualTest, ...], tuple[ResidualTest, ...]],
+    out: tuple[HeldOut, HeldOut],
+    validation: Sequence[Record],
+    outputs: Sequence[str],
+    seconds: Mapping[str, float],
+) -> Diagnosis:
+    before, after = out
+    shown = validation or search.records
+    fits = (before.frozen, after.frozen) if validation else (root.fit, best.fit)
+    channels = [name for name in outputs if any(name in record.output_names for record in shown)]
+    predictions = [
+        Prediction(record, tuple(channels), prediction(fits[0], r, record, channels), prediction(fits[1], r, record, channels))
+        for r, record in enumerate(shown)
+    ]
+    masks = measured_masks(shown, channels)
+    if not validation:
+        masks = [mask & kept for mask, kept in zip(masks, search.masks, strict=True)]
+    elif fits[1] is not None:
+        masks = spike_masks_of(fits[1], masks)
+    return Diagnosis(
+        verdict,
+        tuple(effects),
+        _derivatives(search, root),
+        _derivatives(search, best),
+        _derived(root),
+        _derived(best),
+        error_figures([p.before for p in predictions], shown, masks, channels),
+        error_figures([p.after for p in predictions], shown, masks, channels),
+        {name: float(np.sqrt(v)) for name, v in zip(best.system.output_names, best.fit.variance, strict=True) if name in channels},
+        bool(validation),
+        tests[0],
+        tests[1],
+        tuple(search.steps),
+        tuple(search.evidence),
+        tuple(warnings),
+        tuple(predictions),
+        tuple(
+            FittedRecord(record, best.system.output_names, root.fit.residuals[r], best.fit.residuals[r], search.masks[r])
+            for r, record in enumerate(search.records)
+        ),
+        dict(seconds),
+    )
+
+
+def spike_masks_of(fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:  # type: ignore[no-untyped-def]
+    """Validity of held-out samples with isolated spikes set aside, for error figures only."""
+    from ident.tracing.outliers import final_spikes
+
+    system = fit.layout.system
+    everything = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(fit.layout.problems, fit.lines, strict=True)]
+    blocked = [np.zeros(residual.shape[1], dtype=bool) for residual in everything]
+    kept, _ = final_spikes([], system.output_names, everything, list(masks), blocked)
+    return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
+
+
+def _derivatives(search: Search, node: Node) -> dict[str, Quantity]:
+    """Shared parameters of the declared model, with corrected sigmas."""
+    estimate = estimate_of(node.fit)
+    declared = set(search.model.parameters.names)
+    return {
+        name: Quantity(float(value), max(float(std), 1e-300), unit)
+        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+        if name in declared
+    }
+
+
+def _derived(node: Node) -> dict[str, Quantity]:
+    if not node.system.inputs:
+        return {}
+    units = {"natural_frequency": "rad/s", "damping_ratio": "1"}
+    return {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, estimate_of(node.fit)).items()}

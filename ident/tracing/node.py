@@ -1,0 +1,135 @@
+"""A node of the search: the declared model with a set of effects, fitted to all records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.fit import Fit, fit_whole_records
+from ident.fit_layout import FitLayout, FitSettings, lay_out
+from sim.effect import Effect, full_name
+from sim.model import Model
+from sim.record import Record
+from sim.system import System, compile_model
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """Values of unknowns by name, so that they can be carried from one model to another.
+
+    ``shared`` by parameter; ``own`` by parameter and ``STATE(0)``, one mapping a record; ``states`` trajectories at the nodes
+    by state, one mapping a record.
+    """
+
+    shared: Mapping[str, float]
+    own: tuple[Mapping[str, float], ...]
+    states: tuple[Mapping[str, np.ndarray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """A fitted set of effects.
+
+    ``declared`` is the model without them, ``model`` that with them. ``criterion`` is twice the cost plus what the added
+    parameters cost; a lower one is better. ``added`` counts parameters of the effects over all records.
+    """
+
+    effects: tuple[Effect, ...]
+    declared: Model
+    model: Model
+    system: System
+    fit: Fit
+    criterion: float
+    added: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(effect.name for effect in self.effects)
+
+    @property
+    def values(self) -> Values:
+        """All unknowns and trajectories by name."""
+        fit, layout = self.fit, self.fit.layout
+        n = len(layout.shared)
+        own, states = [], []
+        for r in range(len(layout.problems)):
+            mine = fit.theta[layout.columns(r)][n:]
+            names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]
+            own.append(dict(zip(names, mine.tolist(), strict=True)))
+            states.append(dict(zip(layout.system.state_names, fit.lines[r].states, strict=True)))
+        return Values(dict(zip(layout.shared, fit.theta[:n].tolist(), strict=True)), tuple(own), tuple(states))
+
+
+def belongs_to_record(effect: Effect) -> bool:
+    """Whether an effect's parameters are fitted for each record by itself."""
+    return bool(getattr(effect, "per_record", False))
+
+
+def is_event(effect: Effect) -> bool:
+    """Whether an effect's position was searched for over the record."""
+    return bool(getattr(effect, "onset", ""))
+
+
+def free_names(effect: Effect) -> list[str]:
+    """Full names of an effect's free parameters."""
+    return [full_name(effect, item.name) for item in effect.parameters if item.free]
+
+
+def compiled_with(model: Model, effects: Sequence[Effect], outputs: Sequence[str]) -> tuple[Model, System]:
+    """The model with effects, and its System."""
+    full = model.with_effects(*effects)
+    return full, compile_model(full, outputs)
+
+
+def fit_set(
+    records: Sequence[Record],
+    model: Model,
+    effects: Sequence[Effect],
+    outputs: Sequence[str],
+    settings: FitSettings,
+    masks: Sequence[np.ndarray],
+    event_cost: float,
+    values: Values | None = None,
+    added: Mapping[str, float] | None = None,
+) -> Node | None:
+    """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
+
+    None where the fit found no finite cost.
+    """
+    full, system = compiled_with(model, effects, outputs)
+    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+    plain = lay_out(records, system, settings, local=local, masks=masks)
+    start, guesses = plain.start, None
+    if values is not None or added:
+        start, guesses = carried(plain, values, added or {})
+        plain = lay_out(records, system, settings, local=local, masks=masks, start=start)
+    fit = fit_whole_records(plain, guesses)
+    if fit is None:
+        return None
+    count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
+    events = sum(1 for effect in effects if is_event(effect))
+    criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
+    return Node(tuple(effects), model, full, system, fit, float(criterion), count)
+
+
+def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]) -> tuple[np.ndarray, list[np.ndarray] | None]:
+    """Start and trajectory guesses for a layout from values by name."""
+    start = layout.start.copy()
+    n = len(layout.shared)
+    known = dict(values.shared) if values is not None else {}
+    for i, name in enumerate(layout.shared):
+        start[i] = added.get(name, known.get(name, start[i]))
+    guesses: list[np.ndarray] | None = [] if values is not None else None
+    for r in range(len(layout.problems)):
+        mine = values.own[r] if values is not None else {}
+        names = [*layout.local, *(f"{layout.system.state_names[i]}(0)" for i in layout.starts)]
+        at = layout.columns(r)[n:]
+        for position, name in zip(at, names, strict=True):
+            start[position] = added.get(name, mine.get(name, start[position]))
+        if guesses is not None and values is not None:
+            states = values.states[r]
+            nodes = len(layout.problems[r].grid.nodes)
+            guesses.append(np.array([states[name] if name in states else np.zeros(nodes) for name in layout.system.state_names]))
+    return start, guesses

@@ -1,0 +1,74 @@
+"""What the records offer a search: spans, input sizes, peaks of the residual's spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.tracing.node import Node
+from sim.record import Record
+from sim.tracing import Occasion
+
+
+def occasion_at(node: Node) -> Occasion:
+    """The common occasion of a node's records: the longest span, the largest inputs, the ranges as fitted."""
+    fit, layout = node.fit, node.fit.layout
+    records = [problem.record for problem in layout.problems]
+    longest = max(records, key=lambda record: record.time[-1] - record.time[0])
+    peak: dict[str, float] = {}
+    rate: dict[str, float] = {}
+    states: dict[str, float] = {}
+    flown: dict[str, tuple[float, float]] = {}
+    for record in records:
+        for channel in record.inputs:
+            peak[channel.name] = max(peak.get(channel.name, 0.0), float(np.max(np.abs(channel.values))))
+            steps = np.abs(np.diff(channel.values)) / np.diff(record.time)
+            rate[channel.name] = max(rate.get(channel.name, 0.0), float(steps.max()))
+            low, high = flown.get(channel.name, (np.inf, -np.inf))
+            flown[channel.name] = (min(low, float(channel.values.min())), max(high, float(channel.values.max())))
+    for names, rows in (
+        (layout.system.state_names, [line.states for line in fit.lines]),
+        (layout.system.output_names, [line.y for line in fit.lines]),
+    ):
+        for i, name in enumerate(names):
+            low, high = min(float(r[i].min()) for r in rows), max(float(r[i].max()) for r in rows)
+            flown.setdefault(name, (low, high))
+            states.setdefault(name, max(abs(low), abs(high)))
+    return Occasion(
+        begin=float(longest.time[0]),
+        end=float(longest.time[-1]),
+        interval=float(np.median(np.diff(longest.time))),
+        input_peak=peak,
+        input_rate=rate,
+        state_peak=states,
+        flown=flown,
+        residual_peaks=spectral_peaks(records, fit.residuals, [problem.valid for problem in layout.problems], fit.variance),
+        airspeed=node.model.parameters["airspeed"].value if "airspeed" in node.model.parameters else 0.0,
+    )
+
+
+def spectral_peaks(
+    records: Sequence[Record], residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], variance: np.ndarray, count: int = 3
+) -> tuple[float, ...]:
+    """Frequencies (rad/s) at which the normalised residuals hold most power, strongest first, at least three bins apart.
+
+    Missing samples count as zero; uneven sampling is read as even at its mean interval, which serves for a start.
+    """
+    best: dict[float, float] = {}
+    for record, residual, mask in zip(records, residuals, valid, strict=True):
+        n = residual.shape[1]
+        interval = float((record.time[-1] - record.time[0]) / (n - 1))
+        power = np.sum(np.abs(np.fft.rfft(np.where(mask, residual, 0.0), axis=1)) ** 2 / variance[:, None], axis=0)
+        omega = 2.0 * np.pi * np.fft.rfftfreq(n, interval)
+        smooth = np.convolve(power, [0.25, 0.5, 0.25], mode="same")
+        for k in range(2, len(smooth) - 1):
+            if smooth[k] >= smooth[k - 1] and smooth[k] > smooth[k + 1]:
+                best[float(omega[k])] = float(smooth[k]) / n
+    chosen: list[float] = []
+    for frequency in sorted(best, key=lambda f: -best[f]):
+        if all(abs(frequency - other) > 0.15 * other for other in chosen):
+            chosen.append(frequency)
+        if len(chosen) == count:
+            break
+    return tuple(chosen)

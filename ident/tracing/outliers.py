@@ -1,0 +1,122 @@
+"""Isolated wrong samples: found and set aside before anything is ranked, claimed only against the final residual.
+
+One spike dominates every score; but in runs, or all over a channel, large residuals are a model's fault or
+heavy-tailed noise, and neither is a spike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.record import Record
+
+PROVISIONAL, FINAL = 8.0, 5.5  # robust sigmas
+TAIL = (3.7, 6.5)  # sigmas: more samples there than Gaussian noise explains make a channel heavy-tailed
+ROBUST = 1.4826  # median absolute deviation to sigma
+
+
+@dataclass(frozen=True)
+class Spikes:
+    """Spikes of one channel of one record: sample numbers and sizes in the channel's unit."""
+
+    record: int
+    channel: str
+    samples: tuple[int, ...]
+    sizes: tuple[float, ...]
+
+
+def robust_sigma(values: np.ndarray) -> float:
+    """Standard deviation from the median absolute deviation, insensitive to outliers."""
+    return float(ROBUST * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
+
+
+def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """False at samples that stand alone above their six neighbours, ``(m, N)``; ``edges (N,)`` True near a switch of an input."""
+    keep = np.ones_like(valid)
+    for i in range(len(residual)):
+        away = _from_neighbours(residual[i], valid[i])
+        sigma = robust_sigma(away[valid[i]])
+        if sigma > 0:
+            keep[i] = ~(_isolated(np.abs(away) > PROVISIONAL * sigma) & ~edges)
+    return keep
+
+
+def final_spikes(
+    records: Sequence[Record], channels: Sequence[str], residuals: Sequence[np.ndarray], measured: Sequence[np.ndarray], blocked: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], list[Spikes]]:
+    """Masks rebuilt from the final residuals of all samples, and the spikes that may be claimed.
+
+    ``residuals`` and ``measured`` (validity) are ``(m, N)`` a record, ``blocked (N,)`` True near the edge of a fitted event:
+    a sample there is set aside but not claimed.
+    """
+    masks, claims = [np.ones_like(valid) for valid in measured], []
+    for i, channel in enumerate(channels):
+        pooled = np.concatenate([residual[i][valid[i]] for residual, valid in zip(residuals, measured, strict=True)])
+        sigma = robust_sigma(pooled)
+        if sigma == 0.0:
+            continue
+        heavy = _heavy_tailed(pooled / sigma)
+        for r, (residual, valid) in enumerate(zip(residuals, measured, strict=True)):
+            large = valid[i] & (np.abs(residual[i]) > FINAL * sigma)
+            alone = _isolated(large)
+            if heavy:
+                continue
+            masks[r][i] = ~alone
+            samples = np.flatnonzero(alone & ~blocked[r])
+            if samples.size:
+                claims.append(Spikes(r, channel, tuple(samples.tolist()), tuple(residual[i][samples].tolist())))
+    return masks, claims
+
+
+def input_edges(record: Record, reach: int = 1) -> np.ndarray:
+    """True within ``reach`` samples of a switch of an input, ``(N,)``."""
+    near = np.zeros(len(record), dtype=bool)
+    for channel in record.inputs:
+        step = np.abs(np.diff(channel.values, prepend=channel.values[0]))
+        span = float(np.ptp(channel.values))
+        near |= step > 0.2 * span if span > 0 else False
+    for shift in range(1, reach + 1):
+        near |= np.roll(near, shift) | np.roll(near, -shift)
+    return near
+
+
+def input_spikes(values: np.ndarray) -> np.ndarray:
+    """Samples of a recorded input that differ from both neighbours alike, while these agree: no held maneuver does that."""
+    before, after = values[:-2], values[2:]
+    height = values[1:-1] - 0.5 * (before + after)
+    wander = np.abs(after - before)
+    usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
+    found = (np.abs(height) > PROVISIONAL * usual) & (wander < 0.25 * np.abs(height))
+    return np.flatnonzero(found) + 1
+
+
+def _from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Each sample minus the median of its six valid neighbours; zero where it is missing."""
+    at = np.flatnonzero(valid)
+    out = np.zeros_like(series)
+    if len(at) < 7:
+        return out
+    values = series[at]
+    padded = np.pad(values, 3, mode="reflect")
+    around = np.stack([padded[k : k + len(values)] for k in (0, 1, 2, 4, 5, 6)])
+    out[at] = values - np.median(around, axis=0)
+    return out
+
+
+def _isolated(large: np.ndarray) -> np.ndarray:
+    """Large samples without a large neighbour within two samples: outliers in runs are no spikes."""
+    count = np.convolve(large, np.ones(5), mode="same")
+    return large & (count < 1.5)
+
+
+def _heavy_tailed(normalised: np.ndarray) -> bool:
+    """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a thousand (Poisson)."""
+    size = np.abs(normalised)
+    count = int(np.sum((size > TAIL[0]) & (size < TAIL[1])))
+    expected = len(normalised) * (math.erfc(TAIL[0] / math.sqrt(2)) - math.erfc(TAIL[1] / math.sqrt(2)))
+    tail = 1.0 - sum(math.exp(-expected) * expected**k / math.factorial(k) for k in range(count))
+    return tail < 1e-3

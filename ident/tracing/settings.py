@@ -1,0 +1,32 @@
+"""How the tracing loop searches and decides; every number with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TraceSettings:
+    """Settings of the loop.
+
+    Attributes
+    ----------
+    max_step : longest integration sub-step, s.
+    accept : an addition must lower the criterion (twice the cost, plus ``k ln N``, plus ``event`` for each event) by this
+        much: on simulated nulls the best of all candidates stays far below it.
+    event : what a position searched over the record costs, in units of twice the log likelihood.
+    beam : sets kept from one round to the next. depth : most effects in a set.
+    tried : names fitted in full at each set. starts : starting points of each.
+    near : sets within this of the best are weighed again on data that were not fitted.
+    white : smallest p-value of a residual test that still counts as noise, after so many tests.
+    """
+
+    max_step: float = 0.01
+    accept: float = 10.0
+    event: float = 9.0
+    beam: int = 2
+    depth: int = 3
+    tried: int = 6
+    starts: int = 2
+    near: float = 15.0
+    white: float = 1e-4

@@ -1,0 +1,109 @@
+"""From evidence to a verdict; an honest `unexplained` beats a wrong name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.fit import Fit
+from ident.residuals import ResidualTest
+from ident.tracing.acceptance import HeldOut, held_out
+from ident.tracing.diagnosis import Claim, Verdict
+from ident.tracing.node import Node
+from ident.tracing.search import Search, refined
+from ident.tracing.settings import TraceSettings
+from sim.record import Record
+
+GUARD = "guard:"
+AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out together, below which two names are equal
+ALTERNATIVE = 10.0  # the same, below which the other is named beside
+
+
+def best_by_held_out(search: Search, best: Node, validation: Sequence[Record]) -> tuple[Node, HeldOut]:
+    """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
+    out = held_out(best, validation, None) if validation else HeldOut(None, None)
+    if not best.effects:
+        return best, out
+    total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
+    nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
+    for node in _near(search, best):
+        other = refined(search, node)
+        fits = held_out(other, validation, None) if validation else HeldOut(None, None)
+        key = frozenset(other.names)
+        nodes[key], outs[key], total[key] = other, fits, search.score(other) + _held_out_cost(fits)
+    chosen = min(total, key=lambda key: total[key])
+    search.totals = total
+    return nodes[chosen], outs[chosen]
+
+
+def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:
+    """For each effect of a set the names that could stand in its place, two at most, the nearest first."""
+    mine = frozenset(best.names)
+    reference = search.totals.get(mine)
+    found: dict[str, list[tuple[float, str]]] = {}
+    if reference is None:
+        return {}
+    for key, total in search.totals.items():
+        gone, come = mine - key, key - mine
+        if len(gone) == len(come) == 1 and total - reference < ALTERNATIVE and not next(iter(come)).startswith(GUARD):
+            found.setdefault(next(iter(gone)), []).append((total - reference, next(iter(come))))
+    return {name: tuple(other for _, other in sorted(entries)[:2]) for name, entries in found.items()}
+
+
+def judge(
+    search: Search,
+    root: Node,
+    best: Node,
+    effects: Sequence[Claim],
+    tests: Sequence[ResidualTest],
+    before: HeldOut,
+    after: HeldOut,
+    settings: TraceSettings,
+) -> tuple[Verdict, list[str]]:
+    """The verdict, and in words what speaks against more."""
+    warnings = [f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})" for test in tests if test.p_value < settings.white]
+    if not effects and not best.effects:
+        return (Verdict.UNEXPLAINED if warnings else Verdict.CONSISTENT), warnings
+    guards = [name for name in best.names if name.startswith(GUARD)]
+    if guards:
+        return Verdict.UNEXPLAINED, [f"what is missing behaves like {', '.join(guards)}, which is no effect of the library", *warnings]
+    if warnings:
+        return Verdict.UNEXPLAINED, warnings
+    if best.effects and not _improved(before.frozen, after.frozen):
+        return Verdict.UNEXPLAINED, ["the effects found do not lower the error on data that were not fitted"]
+    if _ambiguous(search, best):
+        return Verdict.AMBIGUOUS, warnings
+    return Verdict.TRACED, warnings
+
+
+def _near(search: Search, best: Node) -> list[Node]:
+    score = search.score(best)
+    others = [
+        node
+        for key, node in search.nodes.items()
+        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < search.settings.near
+    ]
+    return sorted(others, key=search.score)[:3]
+
+
+def _held_out_cost(out: HeldOut) -> float:
+    return 2.0 * out.informed.cost if out.informed is not None else 0.0
+
+
+def _ambiguous(search: Search, best: Node) -> bool:
+    mine = frozenset(best.names)
+    reference = search.totals.get(mine, 0.0)
+    return any(
+        total - reference < AMBIGUOUS and len(key) == len(mine) and len(key - mine) == 1 and not any(name.startswith(GUARD) for name in key)
+        for key, total in search.totals.items()
+        if key != mine
+    )
+
+
+def _improved(before: Fit | None, after: Fit | None) -> bool:
+    """Whether the held-out error, over all channels, did not get worse by more than its scatter; True without held-out data."""
+    if before is None or after is None:
+        return before is None and after is None
+    gain = before.cost - after.cost
+    return gain > -float(np.sqrt(2.0 * len(after.theta)))
