@@ -31,11 +31,14 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show a tracebac
 
 
 @app.command("list")
-def list_() -> None:
-    """Scenarios, one line each."""
-    from scenarios.commands.libraries import list_scenarios
+def list_(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this scenario's file, to copy and edit.")] = None) -> None:
+    """Scenarios, one line each; with a name, that scenario's file."""
+    from scenarios.commands.libraries import list_scenarios, show_scenario
 
-    list_scenarios()
+    if name is None:
+        list_scenarios()
+    else:
+        show_scenario(name)
 
 
 @app.command()

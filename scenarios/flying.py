@@ -46,7 +46,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     """
     flight = scenario.flight
     model = true_model(flight)
-    place = where or f"{scenario.name}, key flight"
+    place = where or "key flight"
     inputs = {signal.name for signal in model.equations.inputs}
     outputs = {signal.name for signal in model.equations.outputs}
     for name in flight.noise_std:

@@ -31,6 +31,11 @@ def scenario_text(name: str) -> str:
     return files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
 
 
+def scenario_file(name: str) -> str:
+    """What messages call the file of a scenario: the path that a user gave, or a built-in name with its ending."""
+    return name if name.endswith(".toml") else f"{name}.toml"
+
+
 def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     """A built-in scenario by its name, or a user's by the path of its TOML file.
 
@@ -45,11 +50,11 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     """
     from scenarios.schema import scenario_of
 
+    where = scenario_file(name)
     if name.endswith(".toml"):
-        document, where, short = read_toml(name), name, Path(name).stem
+        document, short = read_toml(name), Path(name).stem
     else:
-        _known(name)
-        document, where, short = tomllib.loads(scenario_text(name)), f"{name}.toml", name
+        document, short = tomllib.loads(scenario_text(name)), name
     for change in changes:
         document = _changed(document, change)
     return scenario_of(document, short, where)

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.campaigns import Campaign, Spread, fly_campaign
+from scenarios.commands.failures import named_after
 
 
 def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
-    from scenarios.library import load_scenario
+    from scenarios.library import load_scenario, scenario_file
 
-    campaign = fly_campaign(load_scenario(name, changes), runs, seed)
+    scenario = load_scenario(name, changes)
+    with named_after(scenario_file(name)):
+        campaign = fly_campaign(scenario, runs, seed)
     _print(campaign)
     if out is not None:
         _write(campaign, out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 from sim.errors import FlightidError
@@ -18,6 +19,8 @@ def report(error: BaseException) -> int:
         return error.code if isinstance(error.code, int) else int(error.code is not None)
     if isinstance(error, FlightidError):
         return _say(str(error), 2)
+    if isinstance(error, MemoryError):
+        return _say(f"out of memory: {error or 'too much was asked for'}", 1)
     if isinstance(error, BrokenPipeError):
         return 1
     name = type(error).__name__
@@ -30,6 +33,18 @@ def report(error: BaseException) -> int:
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
     return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
+
+
+@contextlib.contextmanager
+def named_after(file: str) -> Iterator[None]:
+    """Put the file in front of the place of an error that does not name it."""
+    try:
+        yield
+    except FlightidError as error:
+        if file in error.where:
+            raise
+        where = f"{file}, {error.where}" if error.where else file
+        raise type(error)(error.what, where=where, remedy=error.remedy) from None
 
 
 def _usage(error: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from scenarios.comparing import estimate_content, versions
 from scenarios.identifying import METHODS, Identification, identify
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, FlightidError
 
 SCHEMA = "flightid/comparison/1"
 MODELS = ("ballistic", "rigid", "flexible")
@@ -75,11 +75,24 @@ def _write(found: Identification, path: Path, out: Path, figures: bool) -> None:
 
     with study_folder(out, "comparison.json") as scratch:
         write_record(scratch, found.record)
+        _spare_inputs(scratch, out, path)
         if figures:
             from scenarios.study_figures import draw_identification
 
             draw_identification(found, scratch)
         write_json(scratch / "comparison.json", identification_content(found, path))
+
+
+def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
+    """Refuse to put our copy of the record in the place of the user's, unless it is the same to the byte."""
+    from scenarios.files.sidecar import sidecar_path
+
+    for given in (path, sidecar_path(path)):
+        ours = scratch / given.name
+        if not (given.is_file() and ours.is_file() and given.resolve().parent == out.resolve()):
+            continue
+        if ours.read_bytes() != given.read_bytes():
+            raise FlightidError("the study's record would take the place of this file", where=str(given), remedy="name another folder with --out")
 
 
 def _print(found: Identification) -> None:

@@ -1,4 +1,4 @@
-"""`flightid list`, `flightid effects` and `flightid vehicles`: what is there."""
+"""`flightid list`, `flightid effects` and `flightid vehicles`: what there is."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ def list_scenarios() -> None:
     width = max(len(name) for name in names)
     for name in names:
         print(f"{name:{width}}  {scenario_title(name)}")
+
+
+def show_scenario(name: str) -> None:
+    """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy to edit."""
+    from scenarios.library import scenario_text
+
+    print(scenario_text(name), end="")
 
 
 def show_effects(name: str | None) -> None:
