@@ -71,7 +71,7 @@ def in_unit(row: Row, unit: str) -> Row:
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 
-    factor = 1.0 / float(to_si(1.0, unit, row.unit, f"display.{row.name}", DeclarationError))
+    factor = 1.0 / float(to_si(1.0, unit, row.unit, f"key display.{row.name}", DeclarationError))
     published = None if row.published is None else Start(row.published.value * factor, row.published.std * factor)
     return replace(
         row,
@@ -82,6 +82,17 @@ def in_unit(row: Row, unit: str) -> Row:
         condensed=None if row.condensed is None else row.condensed * factor,
         published=published,
     )
+
+
+def check_display(study: Study) -> None:
+    """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything is written."""
+    from sim.errors import DeclarationError
+
+    rows = {row.name: row for method in study.methods for row in method.rows}
+    for name, unit in study.scenario.display.items():
+        if name not in rows:
+            raise DeclarationError(f"no parameter {name!r} is estimated", where=f"key display.{name}", remedy=f"use one of {', '.join(rows)}")
+        in_unit(rows[name], unit)
 
 
 def versions() -> dict[str, str]:

@@ -147,6 +147,13 @@ def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float
     for name in values:
         if name not in known:
             raise DeclarationError(f"there is no parameter {name!r}", where=f"{place}, key start", remedy=f"use {', '.join(sorted(known))}")
+    for name in estimation.held:
+        if name in estimation.start:
+            raise DeclarationError(f"{name} is under start and under held", where=f"{place}, key held", remedy="keep one of the two")
+    for name in estimation.process_noise:
+        if name not in (*estimation.start, *estimation.initial):
+            remedy = f"use {', '.join((*estimation.initial, *estimation.start))}"
+            raise DeclarationError(f"{name!r} is no state and no free parameter", where=f"{place}, key process_noise", remedy=remedy)
 
 
 def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
