@@ -73,6 +73,12 @@ def natural_shapes(low: float, high: float, fine: bool = False, anchor: float = 
     return Shapes(low, (high - low) / intervals, intervals, table, columns)
 
 
+def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
+    """Names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
+    usual = COARSE - 1 if flat else COARSE
+    return tuple(f"shape{i + 1}" for i in range(usual + COARSE if fine else usual))
+
+
 def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
     """``sum_j sizes[j] shape_j(x)``; numbers or arrays that broadcast, complex steps kept."""
     z = (x - shapes.low) / shapes.spacing

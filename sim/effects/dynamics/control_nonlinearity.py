@@ -1,0 +1,99 @@
+"""Control surface whose effect is no straight line of its deflection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.parameters import Parameter
+from sim.splines import combine, natural_shapes, shape_names
+from sim.tracing import Occasion, Probe
+
+
+@dataclass(frozen=True)
+class ControlNonlinearity:
+    """The moment of a deflection d is that of d + f(d), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0.
+
+    moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by the control. f = sum of
+    ``shape1`` ... times orthonormal shapes (`sim.splines`), each the root mean square deflection that its shape adds over the
+    range, in the control's unit. ``lift_share`` is one where lift and moment come from one force on the surface, zero
+    where the moment alone bends; it has no meaning while f is zero.
+
+    Attributes
+    ----------
+    low, high : the range used. fine : nine shapes instead of four, the first four the same.
+    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the derivatives.
+    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    """
+
+    low: float = -0.1
+    high: float = 0.1
+    fine: bool = False
+    control: str = "elevator"
+    unit: str = "rad"
+    size: float = 0.01
+    moment_by: str = "Cm_de"
+    lift_by: str = "CL_de"
+    share_free: bool = True
+
+    name: ClassVar[str] = "control-nonlinearity"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-deadband")
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down differ. "
+        "Cm = ... + Cm_de (d + f(d)) for a deflection d, CL = ... + CL_de (d + lift_share f(d)), f a smooth curve (natural cubic spline, four "
+        "shapes) over the range used with no value and no slope at zero. An input of a few fixed levels shows it at these levels only, "
+        "and there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
+    )
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.moment_by, self.lift_by)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        shapes = tuple(Parameter(name, -self.size / (1.0 + i), self.unit) for i, name in enumerate(shape_names(self.fine)))
+        return (*shapes, Parameter("lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free))
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine), 0.0))
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        widest = max(abs(self.low), abs(self.high))
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine), (-widest, widest)) | {"lift_share": (-3.0, 5.0)})
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        more = combine(natural_shapes(self.low, self.high, self.fine), getattr(s, self.control), p[:-1])
+        return {"moment": getattr(vehicle, self.moment_by) * more, "lift": p.lift_share * getattr(vehicle, self.lift_by) * more}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, occasion: Occasion) -> Effect:
+        """The same over the range of deflections that the record used; a pseudo-control goes no further than the stick."""
+        low, high = occasion.flown_range(self.control) or occasion.flown_range("stick") or (self.low, self.high)
+        return replace(self, low=low, high=high)
+
+    def finer(self) -> Effect:
+        """The same with five finer shapes."""
+        return replace(self, fine=True)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by all shapes where there is none, lift and moment from one force."""
+        return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
+
+
+VARIANTS: tuple[Effect, ...] = (
+    ControlNonlinearity(),
+    ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),
+)

@@ -1,0 +1,107 @@
+"""Aerodynamic derivatives that change at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.events import WIDTH, edge_width, risen
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+
+@dataclass(frozen=True)
+class Change:
+    """One derivative that may change: its name, its unit, the signal it multiplies, a usual size and the largest believed."""
+
+    derivative: str
+    unit: str
+    signal: str
+    size: float
+    largest: float
+
+
+RIGID_MOMENT = (
+    Change("Cm_alpha", "1/rad", "alpha_air", 0.3, 5.0),
+    Change("Cm_q", "1/rad", "q_hat", -3.0, 60.0),
+    Change("Cm_de", "1/rad", "elevator", 0.3, 5.0),
+)
+RIGID_LIFT = (Change("CL_alpha", "1/rad", "alpha_air", -0.5, 10.0),)
+LOES_MOMENT = (
+    Change("M_alpha", "1/s2", "alpha_air", 2.0, 50.0),
+    Change("M_q", "1/s", "q", 0.5, 10.0),
+    Change("M_delta", "1/s2", "delta", -0.05, 100.0),
+)
+LOES_LIFT = (Change("L_alpha", "1/s", "alpha_air", 0.2, 5.0),)
+
+
+@dataclass(frozen=True)
+class DerivativeJump:
+    """From ``time`` on some derivatives are larger by given amounts: moment += sum of changes times their signals, lift likewise.
+
+    ``time`` in s; the changes carry the names and units of the derivatives. Any of them may stay zero. The edge rises over
+    ``width`` s, centred on ``time``. Changes act on perturbations about the same trim; a moment that jumps, too, is `unmeasured-input`.
+
+    Attributes
+    ----------
+    moment, lift : derivatives that may change. width : of the edge, s.
+    """
+
+    moment: tuple[Change, ...] = RIGID_MOMENT
+    lift: tuple[Change, ...] = RIGID_LIFT
+    width: float = WIDTH
+
+    name: ClassVar[str] = "derivative-jump"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = "time"
+    per_record: ClassVar[bool] = True
+    explanation: ClassVar[str] = (
+        "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap runs. "
+        "From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and lift "
+        "slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
+        "derivative shows only while its signal moves."
+    )
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return tuple(change.derivative for change in (*self.moment, *self.lift))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        sizes = tuple(Parameter(change.derivative, change.size, change.unit) for change in (*self.moment, *self.lift))
+        return (Parameter("time", 3.0, "s"), *sizes)
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.needs_constants, 0.0))
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        return MappingProxyType({change.derivative: (-change.largest, change.largest) for change in (*self.moment, *self.lift)})
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        share = risen(s.time, p.time, self.width)
+        moment = sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in self.moment)
+        lift = sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in self.lift)
+        return {"moment": share * moment, "lift": share * lift}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, occasion: Occasion) -> Effect:
+        """The same with an edge of one sub-step of that record."""
+        return replace(self, width=edge_width(occasion.interval))
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by all changes at 36 times; a later time does not merely shift the signature."""
+        return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in occasion.onsets())
+
+
+VARIANTS: tuple[Effect, ...] = (DerivativeJump(), DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT))

@@ -1,0 +1,99 @@
+"""Drag coefficient of a falling body that depends on the Mach number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import absolute, asinh, maximum, sqrt
+from sim.parameters import Parameter
+from sim.splines import combine, natural_shapes, shape_names
+from sim.tracing import Occasion, Probe
+
+SONIC, TRANSONIC = 1.1, 0.35  # middle and half width of the Mach numbers at which drag changes most
+SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65  # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
+SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
+
+
+@dataclass(frozen=True)
+class DragMach:
+    """log drag += f(M), M = speed / speed of sound, f a natural cubic spline over ``[low, high]`` with f = 0 at ``low``.
+
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.splines`) of asinh((M - 1.1)/0.35), which spreads the transonic range, where
+    drag changes most. beta is then the ballistic coefficient at the lowest Mach number, below which f goes on straight. The speed
+    of sound is that of the standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
+    One that is a few per cent off stretches f along M and changes no fit.
+
+    Attributes
+    ----------
+    low, high : Mach numbers flown. fine : ten shapes instead of five, the first five the same.
+    """
+
+    low: float = 0.5
+    high: float = 6.0
+    fine: bool = False
+
+    name: ClassVar[str] = "drag-mach"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("log_drag",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("beta",)
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster still it falls again. Drag = exp(f(M)) * 0.5 rho v^2 "
+        "/ beta, f a smooth curve of the Mach number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A body "
+        "that slows down through the speed of sound shows it best. Speed and altitude fall together, so that along a single fall it resembles "
+        "another density profile; falls of different speed tell the two apart."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(name, 0.2 / (1.0 + i), "1") for i, name in enumerate(shape_names(self.fine, flat=False)))
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine, flat=False), 0.0))
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        return MappingProxyType(dict.fromkeys(shape_names(self.fine, flat=False), (-3.0, 3.0)))
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        temperature = maximum(SEA_LEVEL - LAPSE * s.altitude, COLDEST)
+        mach = absolute(s.velocity) / (SPEED_PER_ROOT * sqrt(temperature))
+        low, high = _stretched(self.low), _stretched(self.high)
+        return {"log_drag": combine(natural_shapes(low, high, self.fine, low, False), _stretched(mach), p)}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, occasion: Occasion) -> Effect:
+        """The same over the Mach numbers that the record's speeds reach, at most and at least."""
+        flown = occasion.flown_range("velocity")
+        if flown is None:
+            return self
+        slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
+        low, high = slowest / (SPEED_PER_ROOT * math.sqrt(SEA_LEVEL)), max(abs(flown[0]), abs(flown[1])) / (SPEED_PER_ROOT * math.sqrt(COLDEST))
+        return replace(self, low=low, high=max(high, low + 0.1))
+
+    def finer(self) -> Effect:
+        """The same with five finer shapes."""
+        return replace(self, fine=True)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by all shapes where there is none."""
+        return (Probe(self.absent, shape_names(self.fine, flat=False)),)
+
+
+def _stretched(mach: Any) -> Any:
+    return asinh((mach - SONIC) / TRANSONIC)
+
+
+VARIANTS: tuple[Effect, ...] = (DragMach(),)
