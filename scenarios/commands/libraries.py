@@ -73,8 +73,8 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         for heading in ("parameter", "unit", name, other):
             table.add_column(heading)
         for d in difference(data, read_parameter_set(other)):
-            unit = (d.first or d.second).unit if d.first or d.second else ""
-            table.add_row(d.name, unit, "-" if d.first is None else f"{d.first.value:.7g}", "-" if d.second is None else f"{d.second.value:.7g}")
+            there = [each for each in (d.first, d.second) if each is not None]
+            table.add_row(d.name, there[0].unit, *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second)))
     console().print(table)
 
 

@@ -102,7 +102,7 @@ def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path,
         return DeclarationError(f"value {_shown(fault['input'])} {what}", where=where, remedy=remedy)
     if "remedy" in context:
         return DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"]))
-    if kind in ("too_short", "string_too_short"):
+    if kind == "too_short":
         return DeclarationError("there is nothing in it", where=where, remedy="give at least one entry")
     message = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     return DeclarationError(f"value {_shown(fault['input'])} is not {message}", where=where, remedy="correct the value")
