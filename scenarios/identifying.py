@@ -15,7 +15,7 @@ from ident.residuals import ResidualTest, residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.run import Row
 from scenarios.vehicle_models import model_of_file
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
 from sim.parameters import ParameterSet
 from sim.record import Record
@@ -24,6 +24,7 @@ from sim.system import compile_model
 METHODS = ("ekf", "ukf", "output-error", "equation-error")
 FIT_STEP = 0.01
 PASSES = 5
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,10 +50,11 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
 
     Raises
     ------
-    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs.
+    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
     """
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    _refuse_beyond_measure(record)
     model = model_of_file(vehicle)
     outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
     biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
@@ -84,6 +86,14 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     derived = {} if vehicle.model == "ballistic" or not np.all(np.isfinite(estimate.values)) else modal_estimate(system, estimate)
     fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
     return Identification(record, vehicle, method, estimate, rows, derived, fixed, tests)
+
+
+def _refuse_beyond_measure(record: Record) -> None:
+    for channel in record.channels:
+        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > LARGEST))
+        if wrong.size:
+            where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
+            raise RecordError(f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing")
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:

@@ -16,8 +16,6 @@ from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
 
-LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
-
 
 def read_record(
     path: str | Path,
@@ -156,14 +154,13 @@ def _sized(table: Table, column: Column) -> Numbers:
 
 
 def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) -> None:
-    """Refuse, within the window, the first row that is ragged, holds text, or a number that is infinite or beyond all measure."""
+    """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
         raise RecordError(what, where=where, remedy="give each row one cell a column, empty where a sample is missing")
     texts = [position for position in content.texts if position in inside]
-    with np.errstate(invalid="ignore"):
-        infinite = [rows.start + int(position) for position in np.flatnonzero(np.abs(content.values[rows]) > LARGEST)]
+    infinite = [rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))]
     if not texts and not infinite:
         return
     position = min(texts + infinite)
@@ -173,9 +170,6 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
         raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
     remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
-    value = content.values[position]
-    if math.isfinite(value):
-        raise RecordError(f"{value:g} is no measurement", where=where, remedy=remedy.replace("finite", "sensible"))
     raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
 
 
