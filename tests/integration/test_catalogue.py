@@ -1,0 +1,213 @@
+"""The catalogue: laws for every scenario, and what the cheap ones must show at their default seed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from scenarios.declaration import Estimation, ManeuverPlan, Start
+from scenarios.estimating import declared_model, vehicle_constants
+from scenarios.flying import DISTANCES, true_model
+from scenarios.library import load_scenario, scenario_names, scenario_text
+from scenarios.published import published_values
+from scenarios.run import MethodResult, Study, assumed_noise, run_scenario
+from sim.vehicles.library import read_parameter_set
+from tests.oracles.cramer_rao import bound, fall_outputs, short_period_outputs
+from tests.repeated import repeat
+
+EXPECTED = {
+    "ballistic",
+    "ballistic-process-noise",
+    "rigid",
+    "rigid-process-noise-a",
+    "rigid-process-noise-b",
+    "flexible-ac1-equivalent",
+    "flexible-ac2-equivalent",
+    "flexible-ac1-first-mode",
+    "flexible-ac2-first-mode",
+}
+POUND_PER_SQUARE_FOOT = 4.882427636
+every_scenario = pytest.mark.parametrize("name", scenario_names())
+
+
+@cache
+def study(name: str) -> Study:
+    return run_scenario(load_scenario(name))
+
+
+def method(name: str, method_name: str) -> MethodResult:
+    return next(item for item in study(name).methods if item.estimation.name == method_name)
+
+
+def test_the_catalogue_is_complete() -> None:
+    assert set(scenario_names()) >= EXPECTED
+
+
+@every_scenario
+def test_says_how_far_its_truth_is_from_its_model(name: str) -> None:
+    scenario = load_scenario(name)
+    lacking = any(item.modes < scenario.flight.modes for item in scenario.estimations)
+    assert scenario.distance in DISTANCES
+    assert (scenario.distance == "effect missing") == lacking
+    assert scenario.condensed == lacking, "a model that lacks modes is held against condensed values"
+
+
+@every_scenario
+def test_free_parameters_have_unit_and_prior_and_none_starts_at_the_truth(name: str) -> None:
+    scenario = load_scenario(name)
+    truth = true_model(scenario.flight).parameters
+    for estimation in scenario.estimations:
+        model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+        assert set(model.parameters.free_names) == set(estimation.start)
+        for parameter in model.parameters:
+            if parameter.free:
+                assert parameter.unit
+                assert 0 < parameter.prior_std < math.inf
+                assert parameter.value != truth[parameter.name].value, f"{parameter.name} starts at the truth"
+
+
+@every_scenario
+def test_results_are_explained_and_own_choices_are_named(name: str) -> None:
+    scenario = load_scenario(name)
+    assert scenario.title
+    assert scenario.about
+    assert "[own]" in scenario_text(name)
+    if name != "rigid":
+        assert all(estimation.explanation for estimation in scenario.estimations)
+
+
+@every_scenario
+def test_published_columns_exist_and_are_in_the_parameters_units(name: str) -> None:
+    scenario = load_scenario(name)
+    for estimation in scenario.estimations:
+        assert estimation.published is not None
+        found = published_values(estimation.published, {"beta": "kg/m2"})
+        assert set(found) == set(estimation.start)
+        assert all(start.std > 0 for start in found.values())
+
+
+@every_scenario
+def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> None:
+    for estimation in load_scenario(name).estimations:
+        assert not estimation.noise_std
+
+
+@pytest.mark.parametrize("name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b"])
+def test_main_result_is_within_three_sigma_of_the_truth(name: str) -> None:
+    assert study(name).main.result.estimate.outcome.code == "converged"
+    for row in study(name).main.rows:
+        assert row.sigmas is not None
+        assert abs(row.sigmas) < 3, row
+
+
+def test_rigid_is_right_where_the_paper_is_many_of_its_sigmas_off() -> None:
+    rows = {row.name: row for row in study("rigid").main.rows}
+    for name, published in {"Cm_de": 111, "Cm_alpha": 31, "CL_de": 12, "CL_q": 11}.items():
+        assert abs(rows[name].published_sigmas or 0.0) == pytest.approx(published, abs=0.6)
+        assert abs(rows[name].sigmas or math.inf) < 3
+
+
+def test_rigid_sigmas_are_near_the_cramer_rao_bound() -> None:
+    estimation = study("rigid").main.estimation
+    values = {**read_parameter_set("bomber_rigid").values, "alpha": 0.0, "q": 0.0}
+    prior = {**{n: s.std for n, s in estimation.start.items()}, **{n: s.std for n, s in estimation.initial.items()}}
+    a = 0.10471
+    switches = [(0.0, 0.0), (1.0, a), (2.5, -a), (3.5, a), (4.0, -a), (4.5, 0.0)]
+    noise = math.sqrt(0.016) * math.pi / 180
+    smallest = bound(short_period_outputs(study("rigid").record.time, switches), values, prior, [noise, noise])
+    for row in study("rigid").main.rows:
+        assert 1 / 1.3 < row.std / smallest[row.name] < 1.3, (row.name, row.std, smallest[row.name])
+
+
+def test_ballistic_sigma_is_near_the_cramer_rao_bound_and_the_papers() -> None:
+    main = study("ballistic").main
+    data = read_parameter_set("ballistic_target")
+    values = {**data.values, **{number.name: number.value for number in data.initial}}
+    prior = {"beta": main.estimation.start["beta"].std, **{n: s.std for n, s in main.estimation.initial.items()}}
+    smallest = bound(fall_outputs(study("ballistic").record.time), values, prior, [25 * 0.3048])
+    assert main.rows[0].std == pytest.approx(smallest["beta"], rel=0.02)
+    assert main.rows[0].std / POUND_PER_SQUARE_FOOT == pytest.approx(0.29, abs=0.01)
+
+
+def test_ballistic_shows_the_papers_bias_and_its_cure() -> None:
+    for name in ("paper-two-terms", "paper-three-terms"):
+        assert 5 < abs(method("ballistic", name).rows[0].sigmas or 0.0) < 60
+    assert abs(method("ballistic", "paper-start-cured").rows[0].sigmas or math.inf) < 3
+    assert abs(method("ballistic", "output-error").rows[0].sigmas or math.inf) < 3
+    assert method("ballistic", "paper-two-terms").rows[0].published_sigmas == pytest.approx(-7.3, abs=0.1)
+
+
+def test_process_noise_on_beta_gives_the_papers_sigma() -> None:
+    for method_result in study("ballistic-process-noise").methods[:4]:
+        assert method_result.rows[0].std / POUND_PER_SQUARE_FOOT == pytest.approx(11.1, abs=0.15)
+
+
+def test_tuned_process_noise_gives_the_printed_sigmas() -> None:
+    for row in study("rigid-process-noise-b").main.rows:
+        if row.name != "Cm_q":
+            assert row.published is not None
+            assert row.std == pytest.approx(row.published.std, rel=0.02)
+
+
+def test_equivalents_are_within_three_sigma_of_condensation_and_the_residual_says_why_others_are_not() -> None:
+    assert all(abs(row.sigmas or math.inf) < 3 for row in study("flexible-ac1-equivalent").main.rows)
+    plain = method("flexible-ac1-equivalent", "no-process-noise")
+    assert max(abs(row.sigmas or 0.0) for row in plain.rows) > 10
+    assert min(test.p_value for test in plain.tests) < 1e-20, "a rigid model leaves a residual that is not white"
+    note = next(note for note in study("flexible-ac1-equivalent").notes if note.startswith("no-process-noise, residual of q"))
+    share, white = int(note.split(": ")[1].split(" %")[0]), int(note.split("white noise: ")[1].split(" %")[0])
+    assert share > 3 * white
+
+
+def test_same_seed_same_numbers_other_seed_other_numbers() -> None:
+    whole = load_scenario("ballistic")
+    scenario = replace(whole, estimations=whole.estimations[1:2], flight=replace(whole.flight, duration=5.0, step=0.01))
+    first, second, other = run_scenario(scenario), run_scenario(scenario), run_scenario(scenario, seed=2)
+    assert first.main.rows == second.main.rows
+    assert first.main.rows != other.main.rows
+
+
+@pytest.mark.parametrize("method_name", ["main", "one-pass"])
+def test_batched_runs_are_what_the_scenario_does(method_name: str) -> None:
+    scenario = load_scenario("ballistic")
+    runs = repeat(scenario, next(item for item in scenario.estimations if item.name == method_name), [1, 2])
+    row = method("ballistic", method_name).rows[0]
+    assert runs.estimate[0, 0] == pytest.approx(row.estimate, abs=0.01 * row.std)
+    assert runs.std[0, 0] == pytest.approx(row.std, rel=1e-3)
+
+
+@pytest.mark.parametrize("modes", [2, 3, 4])
+def test_any_number_of_modes_can_be_estimated(modes: int) -> None:
+    scenario = load_scenario("flexible-ac1-first-mode")
+    truth = true_model(scenario.flight).parameters
+    constants = ("omega", "zeta", "generalized_mass")
+    own = [f"{name}{i}" for i in range(1, modes + 1) for name in ("CL_eta", "CL_etadot", "Cm_eta", "Cm_etadot")]
+    own += [f"Ceta{i}_{by}" for i in range(1, modes + 1) for by in ("alpha", "q", "de", f"eta{i}", f"etadot{i}")]
+    free = [*scenario.estimations[0].start][:6] + own
+    couplings = [f"Ceta{i}_{by}{j}" for i in range(1, modes + 1) for j in range(1, modes + 1) if i != j for by in ("eta", "etadot")]
+    size = {name: abs(truth[name].value) + 1e-5 for name in free}
+    states = {f"{state}{i}": Start(0.0, std) for i in range(1, modes + 1) for state, std in (("eta", 0.02), ("etadot", 0.2))}
+    estimation: Estimation = replace(
+        scenario.estimations[0],
+        name="all",
+        modes=modes,
+        start={name: Start(truth[name].value + 0.05 * size[name], 0.2 * size[name]) for name in free},
+        held={name: truth[name].value for name in couplings},
+        initial={**dict(list(scenario.estimations[0].initial.items())[:2]), **states},
+        published=None,
+    )
+    assert not any(name.startswith(constants) for name in free)
+    plan = ManeuverPlan("elevator", "doublet", {"amplitude": 0.1, "unit": 0.3, "start": 0.1})
+    short = replace(scenario, flight=replace(scenario.flight, duration=1.5, rate=50.0, step=0.005, maneuvers=(plan,)), estimations=(estimation,))
+    main = run_scenario(short).main
+    assert main.result.estimate.outcome.code == "converged"
+    assert len(main.rows) == 6 + 9 * modes
+    prior = np.array([0.2 * size[row.name] for row in main.rows])
+    std = np.array([row.std for row in main.rows])
+    assert np.all(std < prior * (1 + 1e-9)), "data can only narrow a prior"
+    assert std[5] < 0.5 * prior[5], "Cm_de shows in every response"
+    assert (main.rows[0].condensed == truth["CL_alpha"].value) == (modes == 4)
