@@ -11,6 +11,9 @@ from typing import Any, ClassVar
 from sim.effect import Effect, Regularity, Signal, Station
 from sim.maths import clip, cos
 from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,10 @@ class GustDiscrete:
 
     ``peak`` in m/s, positive upward; ``start`` and ``duration`` in s. Outside the gust w = 0. w/V adds to the
     angle of attack in the loads and in the vane's reading, not to the state; V is the declared airspeed.
+    ``lasting``: the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its length is V duration/2).
     """
+
+    lasting: bool = False
 
     name: ClassVar[str] = "gust-discrete"
     station: ClassVar[Station] = Station.DISTURBANCE
@@ -33,19 +39,27 @@ class GustDiscrete:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = "start"
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"peak": (-20.0, 20.0), "duration": (0.1, 20.0)})
     explanation: ClassVar[str] = (
         "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) between start and start + duration, the usual "
         "design gust. The air then comes from below by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the angle of "
         "attack as a state only follows. The vane jumps ahead of the pitch rate, which no control input can do. The length of the gust in the air "
-        "is V times its duration."
+        "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        phase = clip((s.time - p.start) / p.duration, 0.0, 1.0)
+        phase = clip((s.time - p.start) / p.duration, 0.0, 0.5 if self.lasting else 1.0)
         return {"gust": 0.5 * p.peak * (1.0 - cos(2.0 * math.pi * phase)) / vehicle.airspeed}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slope by the peak of a gust at the record's begin, for some durations; a later start only shifts it."""
+        durations = [duration for duration in DURATIONS if 4.0 * occasion.interval <= duration <= 0.5 * occasion.duration]
+        return tuple(Probe({"peak": 0.0, "start": occasion.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
 
-VARIANTS: tuple[Effect, ...] = (GustDiscrete(),)
+
+VARIANTS: tuple[Effect, ...] = (GustDiscrete(), GustDiscrete(lasting=True))

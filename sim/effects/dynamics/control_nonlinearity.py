@@ -48,10 +48,10 @@ class ControlNonlinearity:
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
-        "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down differ. "
-        "Cm = ... + Cm_de (d + f(d)) for a deflection d, CL = ... + CL_de (d + lift_share f(d)), f a smooth curve (natural cubic spline, four "
-        "shapes) over the range used with no value and no slope at zero. An input of a few fixed levels shows it at these levels only, "
-        "and there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
+        "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
+        "differ. Cm = ... + Cm_de (d + f(d)) for a deflection d, CL = ... + CL_de (d + lift_share f(d)), f a smooth curve (natural cubic spline, "
+        "four shapes) over the range used with no value and no slope at zero. An input of a few fixed levels shows it at these levels only, and "
+        "there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
     )
 
     @property

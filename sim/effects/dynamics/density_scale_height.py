@@ -32,10 +32,10 @@ class DensityScaleHeight:
     per_record: ClassVar[bool] = False
     plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"change": (-0.4, 0.6)})
     explanation: ClassVar[str] = (
-        "The atmosphere is warmer or colder than the declared one, and its density falls with altitude by another scale height: "
-        "rho = rho0 exp(-altitude / (H (1 + change))), with the density at altitude zero as declared. At one altitude that equals another ballistic "
-        "coefficient; a fall through several scale heights tells the two apart, since the error grows with altitude. A change of temperature by one per "
-        "cent changes the scale height by one per cent."
+        "The atmosphere is warmer or colder than the declared one, and its density falls with altitude by another scale height: rho = rho0 "
+        "exp(-altitude / (H (1 + change))), with the density at altitude zero as declared. At one altitude that equals another ballistic "
+        "coefficient; a fall through several scale heights tells the two apart, since the error grows with altitude. A change of temperature by "
+        "one per cent changes the scale height by one per cent."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -63,9 +63,9 @@ class DerivativeJump:
     onset: ClassVar[str] = "time"
     per_record: ClassVar[bool] = True
     explanation: ClassVar[str] = (
-        "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap runs. "
-        "From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and lift "
-        "slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
+        "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
+        "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and "
+        "lift slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
         "derivative shows only while its signal moves."
     )
 

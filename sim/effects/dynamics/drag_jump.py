@@ -35,9 +35,9 @@ class DragJump:
     per_record: ClassVar[bool] = True
     plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"factor": (0.05, 20.0)})
     explanation: ClassVar[str] = (
-        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it starts to tumble. From then on the "
-        "drag is another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its "
-        "curvature does: the residual bends from that time on. High up, where there is hardly any air, a change leaves no trace until the air thickens."
+        "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it starts to tumble. From then on the drag is "
+        "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its curvature does: "
+        "the residual bends from that time on. High up, where there is hardly any air, a change leaves no trace until the air thickens."
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -47,9 +47,9 @@ class DragMach:
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
-        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster still it falls again. Drag = exp(f(M)) * 0.5 rho v^2 "
-        "/ beta, f a smooth curve of the Mach number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A body "
-        "that slows down through the speed of sound shows it best. Speed and altitude fall together, so that along a single fall it resembles "
+        "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster still it falls again. Drag = exp(f(M)) * 0.5 "
+        "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A "
+        "body that slows down through the speed of sound shows it best. Speed and altitude fall together, so that along a single fall it resembles "
         "another density profile; falls of different speed tell the two apart."
     )
 

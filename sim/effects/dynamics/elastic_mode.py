@@ -53,10 +53,10 @@ class ElasticMode:
     plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"frequency": (3.0, 200.0), "damping": (0.003, 0.3)})
     explanation: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
-        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift eta "
-        "and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. After each quick control input the record rings at one "
-        "frequency above the short period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed here by the gain of one "
-        "on the control. A mode much faster than the input merely changes the derivatives and leaves no trace."
+        "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift "
+        "eta and moment eta, and turns the place where the gyro sits: it reads q + gyro eta_dot. After each quick control input the record rings "
+        "at one frequency above the short period, mostly in pitch rate and load factor. The scale of eta is a convention, fixed here by the gain "
+        "of one on the control. A mode much faster than the input merely changes the derivatives and leaves no trace."
     )
 
     def __post_init__(self) -> None:

@@ -43,8 +43,8 @@ class LiftNonlinearity:
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
-        "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls short, with vortices it grows faster. "
-        "CL += f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in trim, so that CL_alpha "
+        "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls short, with vortices it grows faster. CL += "
+        "f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in trim, so that CL_alpha "
         "stays the slope there. The load factor shows it at once, the path later, the pitch rate hardly: what is left over in nz depends on alpha "
         "alone. Without nz it must be told from the damping of the short period, and a record rarely can."
     )

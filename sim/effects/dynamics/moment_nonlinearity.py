@@ -43,9 +43,9 @@ class MomentNonlinearity:
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
-        "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles the aircraft grows stiffer, loses "
-        "stability or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope "
-        "in trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of the short period changes with the size of "
+        "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles the aircraft grows stiffer, loses stability "
+        "or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in "
+        "trim, so that Cm_alpha stays the slope there. Small maneuvers show nothing; the frequency of the short period changes with the size of "
         "the motion, and the residual of the pitch rate depends on alpha, not on time."
     )
 

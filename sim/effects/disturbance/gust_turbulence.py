@@ -1,0 +1,78 @@
+"""Continuous turbulence: vertical gusts with the spectrum of Dryden."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+ROOT3 = math.sqrt(3.0)
+
+
+@dataclass(frozen=True)
+class GustTurbulence:
+    """Vertical gusts of standard deviation ``sigma`` (m/s) and scale ``length`` (m), Dryden's form (MIL-F-8785C, 3.7.1.2).
+
+    One-sided spectrum over the spatial frequency W: sigma^2 (2 L/pi) (1 + 3 (L W)^2) / (1 + (L W)^2)^2, whose integral is
+    sigma^2. White noise of unit density through sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s:
+    gust_1_dot = -gust_1/T + noise of density sigma^2/T,  gust_2_dot = (gust_1 - gust_2)/T,
+    w = sqrt(3) gust_1 + (1 - sqrt(3)) gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
+    Without noise the states stay at zero and a simulation is that of calm air.
+    """
+
+    name: ClassVar[str] = "gust-turbulence"
+    station: ClassVar[Station] = Station.DISTURBANCE
+    needs: ClassVar[tuple[str, ...]] = ("gust",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("airspeed",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("sigma", 1.0, "m/s", bounds=(0.0, 30.0)),
+        Parameter("length", 300.0, "m", bounds=(5.0, 10000.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"sigma": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.PROCESS_NOISE
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = (Signal("gust_1", "m/s", "filtered noise"), Signal("gust_2", "m/s", "the same, filtered twice"))
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"sigma": (0.0, 8.0), "length": (20.0, 2000.0)})
+    explanation: ClassVar[str] = (
+        "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "
+        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (2 L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
+        "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can follow such a record: one judges the model's "
+        "predictions one step ahead, whose errors stay correlated until the gust is estimated along with the motion. Left out, it makes every "
+        "derivative look better known than it is."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"gust": (ROOT3 * s.gust_1 + (1.0 - ROOT3) * s.gust_2) / vehicle.airspeed}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        rate = vehicle.airspeed / p.length
+        return -rate * s.gust_1, rate * (s.gust_1 - s.gust_2)
+
+    def density(self, vehicle: Any, p: Any) -> Sequence[Any]:
+        """Spectral density of the noise on each state's rate, (m/s)^2/s."""
+        density = p.sigma * p.sigma * vehicle.airspeed / p.length
+        return density, 0.0 * density
+
+    def stationary_covariance(self, p: Any) -> np.ndarray:
+        """Covariance ``(2, 2)`` of the states in air that has been rough for long, (m/s)^2; does not depend on the length."""
+        return p.sigma**2 * np.array([[0.5, 0.25], [0.25, 0.25]])
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Starts for a fit with process noise: three lengths, of which the record shows a few at least."""
+        far = max(50.0, occasion.airspeed * occasion.duration / 6.0)
+        return tuple(Probe({"sigma": 1.0, "length": length}) for length in (100.0, 300.0, 900.0) if length <= far) or (
+            Probe({"sigma": 1.0, "length": far}),
+        )
+
+
+VARIANTS: tuple[Effect, ...] = (GustTurbulence(),)

@@ -1,0 +1,58 @@
+"""Airspeed that changes along the record, while the vehicle is declared at one speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+
+@dataclass(frozen=True)
+class SpeedVariation:
+    """V(t) = V + ``rate`` (t - begin), V the declared airspeed, ``rate`` in m/s2, ``begin`` the time at which V holds, s.
+
+    Pressure and non-dimensional rates follow. On the low-order equivalent system the derivatives scale as those of an aircraft
+    at constant coefficients: L_alpha, L_delta, M_q with V, M_alpha and M_delta with V^2.
+    """
+
+    begin: float = 0.0
+
+    name: ClassVar[str] = "speed-variation"
+    station: ClassVar[Station] = Station.DISTURBANCE
+    needs: ClassVar[tuple[str, ...]] = ("airspeed_change",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("rate", 1.5, "m/s2", bounds=(-15.0, 15.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"rate": (-4.0, 4.0)})
+    explanation: ClassVar[str] = (
+        "The aircraft speeds up or slows down during the record: V(t) = V + rate (t - begin). All forces grow with V^2, the damping by rates with "
+        "V, so the short period becomes faster along the record and the load factor per angle of attack larger, while a model with one speed fits "
+        "the middle of the record best and errs at both ends with opposite sign. A measured airspeed settles the matter; without one it takes "
+        "maneuvers both early and late in the record."
+    )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"airspeed_change": p.rate * (s.time - self.begin)}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, occasion: Occasion) -> Effect:
+        """The same with the declared airspeed at that record's begin."""
+        return replace(self, begin=occasion.begin)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """The slope where there is none."""
+        return (Probe(self.absent, ("rate",)),)
+
+
+VARIANTS: tuple[Effect, ...] = (SpeedVariation(),)
