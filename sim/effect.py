@@ -85,6 +85,9 @@ class InputEffect(Effect, Protocol):
 
     ``act(edges, u, p)``: ``u`` holds the input's mean over each cell, ``(n_cells, ...)``; ``edges``
     the cell boundaries, ``(n_cells + 1,)``, s. The result has the same meaning and length.
+
+    An attribute ``rank`` places it on the path (see ``in_order``). One with ``commutes = True`` only shifts the input
+    in time: held, it may act on the record ahead of effects that a filter carries as states.
     """
 
     @property
@@ -146,6 +149,11 @@ class NoiseEffect(Effect, Protocol):
     """Drives its own states by white noise: ``density(vehicle, p)`` returns one spectral density a state."""
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
+
+
+def in_order(effects: Sequence[Any]) -> list[Any]:
+    """Effects of one station as the signal meets them: by ``rank``, 0 where an effect has none; equals as they were added."""
+    return sorted(effects, key=lambda effect: getattr(effect, "rank", 0))
 
 
 def full_name(effect: Effect, local: str) -> str:

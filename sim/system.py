@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, SensorEffect, Signal, Station, full_name
+from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, SensorEffect, Signal, Station, full_name, in_order
 from sim.errors import ModelError
 from sim.model import Model, Noise
 from sim.parameters import Parameter, ParameterSet
@@ -78,7 +78,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     outputs : the outputs wanted, in order; all when None.
     online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters that see
         one sample at a time. An input effect without one may stay when all its parameters are held: it
-        then acts on the recorded input beforehand.
+        then acts on the recorded input beforehand, which it can only ahead of all others or if it commutes with them.
 
     Raises
     ------
@@ -86,10 +86,10 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     """
     equations = model.equations
     output_signals = _chosen_outputs(model, outputs)
-    inputs = [effect for effect in model.effects if isinstance(effect, InputEffect)]
-    sensors = [effect for effect in model.effects if isinstance(effect, SensorEffect)]
+    inputs: list[InputEffect] = in_order([effect for effect in model.effects if isinstance(effect, InputEffect)])
+    sensors: list[SensorEffect] = in_order([effect for effect in model.effects if isinstance(effect, SensorEffect)])
     dynamics = [effect for effect in model.effects if isinstance(effect, DynamicsEffect)]
-    readings = [effect for effect in model.effects if isinstance(effect, ReadingEffect)]
+    readings: list[ReadingEffect] = in_order([effect for effect in model.effects if isinstance(effect, ReadingEffect)])
     wanted = {signal.name for signal in output_signals}
     sensors = [effect for effect in sensors if effect.channel in wanted]
     moved_in, moved_out = (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
@@ -207,7 +207,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         tuple(effect.name for effect in inputs),
         tuple(effect.name for effect in sensors),
         _names_of(inputs),
-        _names_of([effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in moved_out])
+        _names_of([effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in (*moved_in, *moved_out, *inputs)])
         | {f"bias_{name}" for name in model.biases},
         input_path,
         f,
@@ -239,7 +239,8 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
             moved.append(effect)
             continue
         free = [item.name for item in effect.parameters if model.parameters[full_name(effect, item.name)].free]
-        if not isinstance(effect, InputEffect) or free or any(other.signal == effect.signal for other in moved):
+        behind = any(other.signal == effect.signal for other in moved) and not getattr(effect, "commutes", False)
+        if not isinstance(effect, InputEffect) or free or behind:
             raise ModelError(
                 f"effect {effect.name} has no state form and cannot run on line",
                 where=f"model {model.name}",

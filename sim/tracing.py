@@ -107,3 +107,17 @@ class Refinable(Protocol):
 def fitted_to(effect: Effect, occasion: Occasion) -> Effect:
     """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
     return effect.fitted_to(occasion) if isinstance(effect, Fitted) else effect
+
+
+def late_times(occasion: Occasion) -> tuple[float, ...]:
+    """Delays and time constants to try, s, a factor of two apart, from a share of the sampling interval upward.
+
+    None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and slopes are one-sided.
+    """
+    return tuple(time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * occasion.interval) or (occasion.interval / 3.0,)
+
+
+def shares_of_peak(occasion: Occasion, signal: str, shares: Sequence[float]) -> tuple[float, ...]:
+    """Shares of an input's largest magnitude; none where the input stays at zero."""
+    peak = occasion.input_peak.get(signal, 0.0)
+    return tuple(share * peak for share in shares) if peak > 0 else ()

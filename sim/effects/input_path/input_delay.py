@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -12,6 +12,7 @@ import numpy as np
 from sim.effect import Effect, Regularity, Station
 from sim.maths import trailing
 from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, late_times
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,9 @@ class InputDelay:
     """The vehicle feels an input ``delay`` seconds after the record shows it: u(t) -> u(t - delay).
 
     ``delay`` in s, not negative. Before the record's start the first value holds. It has no state form of
-    finite order: a filter takes it only with a delay that is held. With ``own_name`` the delay belongs to the vehicle's
-    model (the low-order equivalent system) and its full name is plain ``delay``.
+    finite order: a filter takes it only with a delay that is held. It commutes with all effects that do not know the time, and
+    stands last on the path: a cell that holds part of a jump would else make dead band and rate limit uneven in the delay.
+    With ``own_name`` the delay belongs to the vehicle's model (the low-order equivalent system) and its full name is plain ``delay``.
     """
 
     signal: str = "elevator"
@@ -28,19 +30,27 @@ class InputDelay:
 
     name: ClassVar[str] = "input-delay"
     station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 90
+    commutes: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-lag",)
+    aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "actuator-rate-limit")
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"delay": (0.0, 0.4)})
     explanation: ClassVar[str] = (
         "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
-        "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows "
-        "most where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
+        "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows most "
+        "where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
     )
 
     def rename(self, local: str) -> str:
         """Full name of a parameter."""
         return local if self.own_name else f"{self.name}.{local}"
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"delay": time}) for time in late_times(occasion)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell, exact for an input that is constant within cells.

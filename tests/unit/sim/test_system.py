@@ -15,6 +15,11 @@ from hypothesis import strategies as st
 from sim.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.input_path.actuator_lag import ActuatorLag
+from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
+from sim.effects.input_path.actuator_saturation import ActuatorSaturation
+from sim.effects.input_path.input_backlash import InputBacklash
+from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
@@ -218,14 +223,22 @@ def test_what_cannot_run_online_is_named() -> None:
         compile_model(model, online=True)
     held = model.with_parameters(model.parameters.hold(["input-delay.delay"]))
     assert compile_model(held, online=True).input_stages == ("input-delay",)
-    # Behind a lag that is a state, a delay can no longer act on the recorded input.
-    mixed = rigid_model().with_effects(Lag(), InputDelay())
-    mixed = mixed.with_parameters(mixed.parameters.hold(["input-delay.delay"]))
-    with pytest.raises(ModelError, match="input-delay"):
-        compile_model(mixed, online=True)
-    before = rigid_model().with_effects(InputDelay(), Lag())
-    before = before.with_parameters(before.parameters.hold(["input-delay.delay"]))
-    assert compile_model(before, online=True).input_stages == ("input-delay",)
+    # A delay may act on the recorded input ahead of a lag that is a state, whichever was added first; an effect that does not commute may not.
+    for effects in ((InputDelay(), Lag()), (Lag(), InputDelay())):
+        both = rigid_model().with_effects(*effects)
+        both = both.with_parameters(both.parameters.hold(["input-delay.delay"]))
+        assert compile_model(both, online=True).input_stages == ("input-delay",)
+    limited = rigid_model().with_effects(ActuatorRateLimit(), Lag())
+    limited = limited.with_parameters(limited.parameters.hold(["actuator-rate-limit.rate"]))
+    with pytest.raises(ModelError, match="actuator-rate-limit"):
+        compile_model(limited, online=True)
+
+
+def test_effects_stand_on_the_path_in_their_own_order() -> None:
+    effects = (InputDelay(), ActuatorSaturation(), ActuatorRateLimit(), ActuatorLag(), InputBacklash(), InputDeadband())
+    stages = ("input-deadband", "input-backlash", "actuator-lag", "actuator-rate-limit", "actuator-saturation", "input-delay")
+    for order in (effects, effects[::-1]):
+        assert compile_model(rigid_model().with_effects(*order)).input_stages == stages
 
 
 def test_declared_starts_of_added_states_are_kept() -> None:

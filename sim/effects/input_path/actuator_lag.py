@@ -1,0 +1,74 @@
+"""A first-order lag between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import linear_recurrence, real, trailing, where
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, late_times
+
+
+@dataclass(frozen=True)
+class ActuatorLag:
+    """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the start.
+
+    ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much shorter than the step.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+
+    name: ClassVar[str] = "actuator-lag"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 40
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-rate-limit")
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"time_constant": (0.0, 0.5)})
+    explanation: ClassVar[str] = (
+        "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A step arrives as an exponential, through two thirds "
+        "after one time constant, a slow input merely late by that time, a fast one late and too small. A servo valve or a command filter does "
+        "this. A slow record cannot tell it from a pure delay of the same length; steps sampled fast can, since a delay lets them pass as steps. "
+        "Large and small steps take the same time, unlike with a rate limit."
+    )
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]:
+        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"time_constant": time}) for time in late_times(occasion)]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the exact response over each cell, for an input that is constant within cells.
+
+        With E = exp(-h/T): y(h) = u + (y0 - u) E, and its mean is u - (u - y0) (T/h) (1 - E).
+        """
+        u, lag = np.asarray(u), np.asarray(p.time_constant)
+        depth = max(lag.ndim, u.ndim - 1)
+        u, h = trailing(u, depth), trailing(np.diff(edges), depth)
+        # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+        acts = lag.real > 0
+        reached = np.where(acts, -np.expm1(-h / np.where(acts, lag, 1.0)), 1.0)
+        y = linear_recurrence(1.0 - reached, reached * u, u[0])
+        return u - (u - y[:-1]) * (lag / h * reached)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        acts = real(p.time_constant) > 0
+        return (where(acts, (v - x[0]) / where(acts, p.time_constant, 1.0), 0.0 * x[0]),)
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return where(real(p.time_constant) > 0, x[0], v)
+
+
+VARIANTS: tuple[Effect, ...] = (ActuatorLag(),)

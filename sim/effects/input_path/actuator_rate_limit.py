@@ -1,0 +1,98 @@
+"""A limit of the rate between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Station
+from sim.maths import absolute, each_column, maximum
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+UNLIMITED = 1e9
+SLEWS = (0.05, 0.11, 0.23, 0.5, 1.1)  # s to run through the input's peak: from hardly felt to always behind
+
+
+@dataclass(frozen=True)
+class ActuatorRateLimit:
+    """The surface runs towards the held command with ``rate`` at most, in unit of the input per second, and stops there.
+
+    At ``UNLIMITED`` it is taken as absent. It starts at the first recorded value. The rate is not a smooth function of where
+    the surface is: there is no state form, a filter takes it only with a rate that is held.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.3
+
+    name: ClassVar[str] = "actuator-rate-limit"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 50
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A commanded step becomes a ramp whose length grows "
+        "with the step, so that large inputs arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one size cannot "
+        "tell the three apart. Under large fast inputs the surface never reaches the command, and amplitude is lost as well as time. A record in "
+        "which the command never moves faster than the limit shows nothing of it."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("rate", self.typical, f"{self.unit}/s", bounds=(1e-6, UNLIMITED)),)
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        """Believed from a thirtieth to ten times the typical value: for an elevator from half a degree to some 170 degrees a second."""
+        return {"rate": (self.typical / 30.0, 10.0 * self.typical)}
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        peak, fastest = occasion.input_peak.get(self.signal, 0.0), occasion.input_rate.get(self.signal, 0.0)
+        return [Probe({"rate": peak / slew}) for slew in SLEWS if 0.0 < peak / slew < fastest]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the exact response over each cell, for an input that is constant within cells; loops over changes of the input only.
+
+        While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a cell of length h; its mean is
+        d - rate h/2, or d^2/(2 rate h) where the surface arrives within the cell.
+        """
+        edges = np.asarray(edges, dtype=float)
+        return each_column(lambda u, rate: _limited(edges, u, rate), u, p.rate)
+
+
+def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
+    if rate.real >= UNLIMITED:
+        return u
+    starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
+    begin = edges[starts]
+    y, ahead = u[0].item(), []
+    for target, way in zip(u[starts].tolist(), (rate * np.diff(begin, append=edges[-1])).tolist(), strict=True):
+        distance = y - target
+        ahead.append(distance)
+        if distance.real > way.real:
+            y = target + (distance - way)
+        elif -distance.real > way.real:
+            y = target + (distance + way)
+        else:
+            y = target
+    count = np.diff(starts, append=len(u))
+    start = np.array(ahead)
+    left = maximum(np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0)
+    way = rate * np.diff(edges)
+    mean = np.where(left.real >= way.real, left - 0.5 * way, left * left / (2.0 * way))
+    return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
+
+
+VARIANTS: tuple[Effect, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))

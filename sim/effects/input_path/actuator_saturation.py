@@ -1,0 +1,75 @@
+"""A limit of the travel between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import clip, trailing
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, shares_of_peak
+
+UNLIMITED = 1e9
+
+
+@dataclass(frozen=True)
+class ActuatorSaturation:
+    """The vehicle feels max(-limit, min(u, limit)): the same limit on both sides of trim.
+
+    ``limit`` in the unit of the input; at ``UNLIMITED`` it is taken as absent. Without memory: the state form has no states.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.05
+
+    name: ClassVar[str] = "actuator-saturation"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 60
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    aliases: ClassVar[tuple[str, ...]] = ("input-deadband", "control-nonlinearity")
+    online_states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, limit)). Below the limit nothing is different, "
+        "above it more command brings no more response. It is invisible in a record that stays below the limit, and where all inputs are of one "
+        "size it only looks like a smaller control effectiveness: it takes inputs of several sizes, on both sides of the limit. The limit counts "
+        "from the trim position, since the recorded input does."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("limit", self.typical, self.unit, bounds=(0.0, UNLIMITED)),)
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        """Believed from a tenth to ten times the typical value: for an elevator from a third of a degree to half a right angle."""
+        return {"limit": (0.1 * self.typical, 10.0 * self.typical)}
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"limit": size}) for size in shares_of_peak(occasion, self.signal, (0.95, 0.85, 0.7, 0.5))]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells."""
+        u, limit = np.asarray(u), np.asarray(p.limit)
+        return self.pass_on(trailing(u, max(limit.ndim, u.ndim - 1)), (), p)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        return ()
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return clip(v, -p.limit, p.limit)
+
+
+VARIANTS: tuple[Effect, ...] = (ActuatorSaturation(), ActuatorSaturation("stick", "1", 0.5))

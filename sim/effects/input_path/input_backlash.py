@@ -1,0 +1,83 @@
+"""Backlash (hysteresis) between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Station
+from sim.maths import each_column
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, shares_of_peak
+
+
+@dataclass(frozen=True)
+class InputBacklash:
+    """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that distance.
+
+    ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in the middle of its play.
+    A play is no differential equation: there is no state form, a filter takes it only with a width that is held.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.005
+
+    name: ClassVar[str] = "input-backlash"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 30
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ("input-deadband",)
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "Play in a linkage: the far end y stays put until the near end has gone through the play, then follows, y = u - half_width on the way up "
+        "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width before anything moves, whatever the position, so "
+        "that the response is too small and late after a reversal and the vehicle may rest off its trim after the maneuver. A dead band loses its "
+        "width about zero only, with no memory: reversals away from zero tell the two apart."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        """Believed up to ten times the typical value: for an elevator some degrees."""
+        return {"half_width": (0.0, 10.0 * self.typical)}
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"half_width": size}) for size in shares_of_peak(occasion, self.signal, (0.04, 0.12, 0.3, 0.6))]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells; the loop runs over the changes of the input only."""
+        return each_column(_played, u, p.half_width)
+
+
+def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
+    """One run: real numbers decide which input value holds the far end and from which side; the value keeps its derivative."""
+    starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
+    width = half_width.real
+    y, holder, side = float(u[0].real), 0, 0.0
+    holders, sides = [], []
+    for k, value in enumerate(u[starts].real.tolist()):
+        if value - y > width:
+            y, holder, side = value - width, k, -1.0
+        elif y - value > width:
+            y, holder, side = value + width, k, 1.0
+        holders.append(holder)
+        sides.append(side)
+    held = u[starts[holders]] + np.array(sides) * half_width
+    return np.repeat(held, np.diff(starts, append=len(u)))
+
+
+VARIANTS: tuple[Effect, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))

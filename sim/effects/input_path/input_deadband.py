@@ -1,0 +1,73 @@
+"""A dead band (break-out) between the recorded input and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import clip, trailing
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, shares_of_peak
+
+
+@dataclass(frozen=True)
+class InputDeadband:
+    """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of the band.
+
+    ``half_width`` in the unit of the input, not negative. Without memory: the state form has no states.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.01
+
+    name: ClassVar[str] = "input-deadband"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 20
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-backlash", "control-nonlinearity")
+    online_states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    explanation: ClassVar[str] = (
+        "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A break-out force at the stick, slack in a linkage that "
+        "is centred by springs, or a threshold in software do this. Outside the band the vehicle answers with its full slope but by half_width too "
+        "little, so that small inputs seem weaker than large ones, and an input that crosses zero arrives late. Inputs of a single size only see a "
+        "smaller control effectiveness; two sizes or more are needed, of which one is not much above the band."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        """Believed up to ten times the typical value: for an elevator some degrees."""
+        return {"half_width": (0.0, 10.0 * self.typical)}
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"half_width": size}) for size in shares_of_peak(occasion, self.signal, (0.04, 0.12, 0.3, 0.6))]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells."""
+        u, width = np.asarray(u), np.asarray(p.half_width)
+        return self.pass_on(trailing(u, max(width.ndim, u.ndim - 1)), (), p)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        return ()
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return v - clip(v, -p.half_width, p.half_width)
+
+
+VARIANTS: tuple[Effect, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))
