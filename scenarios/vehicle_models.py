@@ -13,7 +13,7 @@ RELATIVE_PRIOR = 0.5
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
-    """The declared model of a vehicle file for ``ballistic``, ``rigid`` or ``flexible``.
+    """The declared model of a vehicle file for ``ballistic``, ``rigid``, ``flexible`` or ``loes``.
 
     Each free parameter gets a prior standard deviation of half its starting value (files may be 30 % wrong), for
     filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
@@ -26,7 +26,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
                 constants[f"{FILE_NAMES[name]}{number}"] = value
             else:
                 values[name] = value
-    kind = "ballistic" if vehicle.model == "ballistic" else "rigid"
+    kind = "rigid" if vehicle.model == "flexible" else vehicle.model
     model = model_from_constants(kind, constants, values, modes=len(vehicle.modes))
     free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
     parameters = model.parameters.only_free(free)
