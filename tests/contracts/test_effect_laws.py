@@ -13,7 +13,7 @@ import pytest
 
 import sim.effects.input_path
 from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, Regularity, SensorEffect, Station, full_name
-from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, library
+from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
 from sim.errors import ModelError
 from sim.forced import propagate_forced
 from sim.grid import drive_from_record, make_grid
@@ -32,7 +32,8 @@ VEHICLES = (ShortPeriod(), Loes(), Ballistic())
 CASES = [pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}") for vehicle in VEHICLES for effect in effects_for(vehicle)]
 EFFECTS = [pytest.param(effect, id=effect.name) for effect in library()]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)
-every_case = pytest.mark.parametrize(("effect", "base"), CASES)
+GUARDS = [pytest.param(guard, vehicle.name, id=f"{guard.name} on {vehicle.name}") for vehicle in VEHICLES for guard in guards_for(vehicle)]
+every_case = pytest.mark.parametrize(("effect", "base"), CASES + GUARDS)
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 
 # Names that other programs read; where a colon follows, an output channel (spikes: also an input) or a number.
@@ -278,7 +279,7 @@ def test_a_held_input_effect_may_stay_online(effect: Effect, base: str) -> None:
 def files() -> Iterator[str]:
     """Dotted names of the modules in the station folders, by file."""
     for path in sorted((ROOT / "sim" / "effects").glob("*/*.py")):
-        if path.stem != "__init__":
+        if path.stem != "__init__" and path.parent.name != "guards":
             yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
@@ -304,6 +305,16 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     (tmp_path / "input_void.py").write_text("")
     with pytest.raises(ModelError, match="input_void"):
         library()
+
+
+def test_guards_stand_apart_from_the_library() -> None:
+    names = {case.values[0].name for case in GUARDS}
+    assert names == {f"guard:{label}" for label in ("alpha-control", "control-squared", "alpha-q", "lagged-loads", "drag-drift")}
+    assert names.isdisjoint(effect_names())
+    modules = {path.stem for path in (ROOT / "sim" / "effects" / "guards").glob("*.py")} - {"__init__"}
+    assert {type(case.values[0]).__module__.rpartition(".")[2] for case in GUARDS} == modules
+    with pytest.raises(ModelError):
+        find_effect("guard:alpha-q")
 
 
 def test_library_finds_by_name_and_by_vehicle() -> None:
