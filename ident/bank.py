@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.bank_pass import BankHistory, BankPass, BankRuns, run_pass
 from ident.ekf import SETTLED, FilterSettings
-from ident.setup import filter_problem
+from ident.setup import FilterProblem, filter_problem
 from sim.errors import ModelError
 from sim.grid import drive_from_record
 from sim.record import Record
@@ -81,20 +81,8 @@ def run_bank(
     ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs that differ.
     """
     settings = settings or FilterSettings()
-    problem = filter_problem(record, system, settings.max_step)
-    n_x, n = len(system.states), len(problem.names)
-    p: list = list(problem.p)
-    for name, values in (held or {}).items():
-        if system.parameters[name].free:
-            raise ModelError("it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead")
-        p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
-    drive = problem.drive
-    if held:
-        drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, problem.grid)
-    z_runs = problem.z[:, :, None] if z is None else np.asarray(z, dtype=float)
-    first = np.asarray(problem.start if start is None else start, dtype=float).reshape(n, -1)
-    count = _number_of_runs({"z": z_runs.shape[2], "start": first.shape[1], **{name: np.size(values) for name, values in (held or {}).items()}})
-    runs = BankRuns(p, drive, z_runs, np.array(np.broadcast_to(first, (n, count))))
+    problem, runs = bank_runs(record, system, settings, z=z, held=held, start=start)
+    n_x, count = len(system.states), runs.start.shape[1]
 
     result, iterations = run_pass(problem, settings, runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)
@@ -107,10 +95,41 @@ def run_bank(
         moved = np.max(np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0)
         result, iterations[active] = _merged(result, again, active), done + 1
         active = active[again.sound & (moved >= SETTLED)]
+    return bank_estimate(problem, result, iterations, sound=result.sound)
+
+
+def bank_estimate(problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray) -> BankEstimate:
+    """A pass as an estimate; a run that is not ``sound`` has a likelihood of zero."""
     kept = result.history
-    log_likelihood = np.where(result.sound, result.log_likelihood, -np.inf)
-    estimate = (problem.names, result.mean, result.covariance, log_likelihood, result.nis, result.sound, iterations)
+    log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
+    estimate = (problem.names, result.mean, result.covariance, log_likelihood, result.nis, sound, iterations)
     return BankEstimate(*estimate) if kept is None else BankEstimate(*estimate, kept.innovation, kept.innovation_std, kept.mean, kept.std)
+
+
+def bank_runs(
+    record: Record,
+    system: System,
+    settings: FilterSettings,
+    *,
+    z: np.ndarray | None = None,
+    held: Mapping[str, np.ndarray] | None = None,
+    start: np.ndarray | None = None,
+) -> tuple[FilterProblem, BankRuns]:
+    """What a bank filters, from the arguments of ``run_bank``."""
+    problem = filter_problem(record, system, settings.max_step)
+    n = len(problem.names)
+    p: list = list(problem.p)
+    for name, values in (held or {}).items():
+        if system.parameters[name].free:
+            raise ModelError("it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead")
+        p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
+    drive = problem.drive
+    if held:
+        drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, problem.grid)
+    z_runs = problem.z[:, :, None] if z is None else np.asarray(z, dtype=float)
+    first = np.asarray(problem.start if start is None else start, dtype=float).reshape(n, -1)
+    count = _number_of_runs({"z": z_runs.shape[2], "start": first.shape[1], **{name: np.size(values) for name, values in (held or {}).items()}})
+    return problem, BankRuns(p, drive, z_runs, np.array(np.broadcast_to(first, (n, count))))
 
 
 def _number_of_runs(counts: Mapping[str, int]) -> int:

@@ -73,64 +73,134 @@ class BankPass:
     history: BankHistory | None
 
 
-def run_pass(problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool) -> BankPass:
-    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample."""
-    (n, B), (m, N) = runs.start.shape, problem.valid.shape
+@dataclass(frozen=True, eq=False)
+class BankTrace:
+    """What a smoother needs of one pass over N samples: after each update ``mean (N, n, B)`` and ``covariance (N, B, n, n)``; the
+    state rows ``moved (N, B, n_x, n)`` of the transition from the sample before, less the identity; of the update ``H`` and
+    ``HP (N, B, m, n)``, ``S (N, B, m, m)`` and ``y (N, B, m)``, zero, and one in S, for a missing channel."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    moved: np.ndarray
+    H: np.ndarray
+    HP: np.ndarray
+    S: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """What stays the same from sample to sample: ``walk`` densities of parameters, ``nudge`` the complex step of each column."""
+
+    problem: FilterProblem
+    runs: BankRuns
+    step: Step
+    transition: RowTransition
+    walk: np.ndarray | None
+    nudge: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Updated:
+    """Outcome of an update: ``gained`` log-likelihood and ``squared`` innovation, innovation and its covariance, H and H P by channel."""
+
+    x: np.ndarray
+    P: np.ndarray
+    gained: np.ndarray
+    squared: np.ndarray
+    channels: np.ndarray
+    H: np.ndarray
+    rows: np.ndarray
+
+
+def run_pass(
+    problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool, about: np.ndarray | None = None, trace: BankTrace | None = None
+) -> BankPass:
+    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample.
+
+    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given.
+    """
+    (n, B), (m, N), n_x = runs.start.shape, problem.valid.shape, len(problem.system.states)
     x, P = runs.start.copy(), np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
     history = BankHistory(np.zeros((m, N, B)), np.ones((m, N, B)), np.zeros((n, N, B)), np.zeros((n, N, B))) if keep else None
     samples = problem.grid.sample.tolist()
-    transition = settings.transition.of_rows(len(problem.system.states), problem.density)
-    walk = problem.density[len(problem.system.states) :] if problem.walking else None
+    walk = problem.density[n_x:] if problem.walking else None
     nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
+    bench = _Bench(problem, runs, settings.step, settings.transition.of_rows(n_x, problem.density), walk, nudge)
     with np.errstate(all="ignore"):
         for k in range(N):
-            if k:
-                for s in range(samples[k - 1], samples[k]):
-                    x, P = _predict(problem, settings.step, transition, walk, runs, s, x, P, nudge)
-            x, P, gained, squared, innovation = _update(problem, runs, k, x, P, nudge, keep)
+            point = None if about is None or not k else about[:, k - 1].copy()
+            for s in range(samples[k - 1], samples[k]) if k else ():
+                x, P, D = _predict(bench, s, x, P, point)
+                if trace is not None:
+                    trace.moved[k] = D if s == samples[k - 1] else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
+            done = _update(bench, k, x, P, None if about is None else about[:, k])
+            x, P, squared = done.x, done.P, done.squared
             if sound.all() and _all_sound(x, P, squared):
                 last_x, last_P, nis[k] = x, P, squared
-                log_likelihood += gained
+                log_likelihood += done.gained
             else:
                 sound = sound & _sound(x, P) & (np.abs(squared) < LARGEST)
                 last_x, last_P = np.where(sound, x, last_x), np.where(sound[:, None, None], P, last_P)
-                log_likelihood, nis[k] = log_likelihood + np.where(sound, gained, 0.0), np.where(sound, squared, 0.0)
+                log_likelihood, nis[k] = log_likelihood + np.where(sound, done.gained, 0.0), np.where(sound, squared, 0.0)
+            if trace is not None:
+                _write(trace, k, done)
             if history is not None:
                 variance = np.diagonal(last_P, axis1=1, axis2=2).T
                 history.mean[:, k], history.std[:, k] = last_x, np.sqrt(np.maximum(variance, 0.0))
-                for i, (y, S) in innovation.items():
+                for row, i in enumerate(done.channels):
+                    y, S = done.rows[:, row, n], done.rows[:, row, n + 1 + row]
                     history.innovation[i, k], history.innovation_std[i, k] = np.where(sound, y, 0.0), np.where(sound, np.sqrt(S), 1.0)
     return BankPass(last_x, last_P, log_likelihood, nis, sound, history)
 
 
-def _predict(
-    problem: FilterProblem,
-    step: Step,
-    transition: RowTransition,
-    walk: np.ndarray | None,
-    runs: BankRuns,
-    s: int,
-    x: np.ndarray,
-    P: np.ndarray,
-    nudge: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Means and covariances over sub-step ``s``; only the rows of the states move, and what is a random walk."""
+def empty_trace(problem: FilterProblem, B: int) -> BankTrace:
+    """A trace to be filled by ``run_pass``."""
+    n, n_x, (m, N) = len(problem.names), len(problem.system.states), problem.valid.shape
+    rows, whole = (N, B, m, n), np.zeros((N, B, n, n))
+    S = np.array(np.broadcast_to(np.eye(m), (N, B, m, m)))
+    return BankTrace(np.zeros((N, n, B)), whole, np.zeros((N, B, n_x, n)), np.zeros(rows), np.zeros(rows), S, np.zeros((N, B, m)))
+
+
+def _write(trace: BankTrace, k: int, done: _Updated) -> None:
+    n, at = len(done.x), done.channels
+    trace.mean[k], trace.covariance[k] = done.x, done.P
+    if at.size:
+        trace.H[k][:, at], trace.HP[k][:, at], trace.y[k][:, at] = done.H, done.rows[:, :, :n], done.rows[:, :, n]
+        trace.S[k][:, at[:, None], at] = done.rows[:, :, n + 1 :]
+
+
+def _predict(bench: _Bench, s: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, covariances and transition rows over sub-step ``s``; only the rows of the states move, and what is a random walk.
+
+    A ``point`` to linearise at moves along in place.
+    """
+    problem, runs = bench.problem, bench.runs
     system, grid, n_x = problem.system, problem.grid, len(problem.system.states)
     begin, middle, end = ([row[s] for row in stage] for stage in runs.drive.stages)
     t, dt = float(grid.edges[s]), float(grid.steps[s])
-    values, F = values_and_jacobians(lambda a: system.f(t, a[:n_x], begin, with_free(runs.p, problem.free, a[n_x:])), x, nudge)
-    D, noise = transition(F, dt)
-    start, first = list(x[:n_x]), list(values)
+    at = x if point is None else point
+    values, F = values_and_jacobians(lambda a: system.f(t, a[:n_x], begin, with_free(runs.p, problem.free, a[n_x:])), at, bench.nudge)
+    D, noise = bench.transition(F, dt)
+    start, first = list(at[:n_x]), list(values)
 
     def rates(t: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any]) -> list[Any]:
         # At the start of the step the Jacobian's call has the rates already.
         return first if x is start else system.f(t, x, u, p)
 
+    moved = bench.step(rates, t, start, (begin, middle, end), with_free(runs.p, problem.free, list(at[n_x:])), dt)
     after = x.copy()
-    for i, row in enumerate(step(rates, t, start, (begin, middle, end), with_free(runs.p, problem.free, list(x[n_x:])), dt)):
-        after[i] = row
+    if point is None:
+        for i, row in enumerate(moved):
+            after[i] = row
+    else:
+        away = x - point
+        for i, row in enumerate(moved):
+            point[i] = row
+        after = point + away
+        after[:n_x] += (D @ away.T[:, :, None])[:, :, 0].T
     rows = P[:, :n_x] + D @ P
     rows[:, :, :n_x] += rows @ np.swapaxes(D, 1, 2)
     if noise is not None:
@@ -139,38 +209,38 @@ def _predict(
     out[:, :n_x] = rows
     out[:, n_x:, :n_x] = np.swapaxes(rows[:, :, n_x:], 1, 2)
     out[:, :n_x, :n_x] = 0.5 * (rows[:, :, :n_x] + np.swapaxes(rows[:, :, :n_x], 1, 2))
-    if walk is not None:
+    if bench.walk is not None:
         own = np.arange(n_x, len(x))
-        out[:, own, own] += walk * dt
-    return after, out
+        out[:, own, own] += bench.walk * dt
+    return after, out, D
 
 
-def _update(
-    problem: FilterProblem, runs: BankRuns, k: int, x: np.ndarray, P: np.ndarray, nudge: np.ndarray, keep: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[int, tuple[np.ndarray, np.ndarray]]]:
-    """Means, covariances, gain of log-likelihood, NIS and, with ``keep``, innovations and their variances by channel.
+def _update(bench: _Bench, k: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None) -> _Updated:
+    """The update with the channels that have a sample, linearised at the mean or at a given point.
 
     Gaussian elimination on the rows of [H P, y, S] decorrelates each channel from those before it; what is left on the
     diagonal of S are the variances of independent scalars.
     """
-    (n, B), n_x, at = x.shape, len(problem.system.states), problem.grid.sample[k]
-    innovation: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    problem, runs = bench.problem, bench.runs
+    (n, B), n_x, sample = x.shape, len(problem.system.states), problem.grid.sample[k]
     channels = np.flatnonzero(problem.valid[:, k])
     m = len(channels)
     if m == 0:
-        return x, P, np.zeros(B), np.zeros(B), innovation
-    t, u = float(problem.grid.edges[at]), [row[at] for row in runs.drive.begin]
-    predicted, H = values_and_jacobians(lambda a: problem.system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:])), x, nudge)
+        return _Updated(x, P, np.zeros(B), np.zeros(B), channels, np.zeros((B, 0, n)), np.zeros((B, 0, n + 1)))
+    t, u = float(problem.grid.edges[sample]), [row[sample] for row in runs.drive.begin]
+    at = x if point is None else point
+    predicted, H = values_and_jacobians(lambda a: problem.system.h(t, a[:n_x], u, with_free(runs.p, problem.free, a[n_x:])), at, bench.nudge)
+    if point is not None:
+        predicted = predicted + (H @ (x - point).T[:, :, None])[:, :, 0].T
     y = runs.z[:, k] - predicted
     if m < len(y):
         y, H = y[channels], H[:, channels]
-    rows = np.empty((B, m, n + 1 + m))
-    rows[:, :, :n], rows[:, :, n] = H @ P, y.T
-    rows[:, :, n + 1 :] = rows[:, :, :n] @ np.swapaxes(H, 1, 2)
+    first = np.empty((B, m, n + 1 + m))
+    first[:, :, :n], first[:, :, n] = H @ P, y.T
+    first[:, :, n + 1 :] = first[:, :, :n] @ np.swapaxes(H, 1, 2)
     for i, channel in enumerate(channels):
-        rows[:, i, n + 1 + i] += problem.variance[channel]
-        if keep:
-            innovation[int(channel)] = rows[:, i, n].copy(), rows[:, i, n + 1 + i].copy()
+        first[:, i, n + 1 + i] += problem.variance[channel]
+    rows = first.copy()
     for i in range(m - 1):
         for j in range(i + 1, m):
             rows[:, j] -= (rows[:, j, n + 1 + i] / rows[:, i, n + 1 + i])[:, None] * rows[:, i]
@@ -179,7 +249,7 @@ def _update(
     squared = (rows[:, :, n] ** 2 / variance).sum(axis=1)
     P = P - change[:, :, :n]
     gained = -0.5 * (squared + np.log(variance).sum(axis=1) + m * LOG_TWO_PI)
-    return x + change[:, :, n].T, 0.5 * (P + np.swapaxes(P, 1, 2)), gained, squared, innovation
+    return _Updated(x + change[:, :, n].T, 0.5 * (P + np.swapaxes(P, 1, 2)), gained, squared, channels, H, first)
 
 
 def _all_sound(x: np.ndarray, P: np.ndarray, squared: np.ndarray) -> bool:

@@ -1,8 +1,10 @@
 """A pure delay found by a bank of filters: one extended Kalman filter for each delay, judged by likelihood.
 
 NASA TM-101722 ran nine filters from 0 to 200 ms and took the most likely one, having considered the likelihood-weighted sum.
-Both are given here, and a delay between the grid points: further banks close in on the maximum until the log-likelihood
-is a parabola over neighbouring filters, whose vertex and curvature are the delay and its standard deviation.
+Both are given here as the plain filters find them, in one pass, and a delay between the grid points. That one asks more than
+the plain filter can give: its path from a start that is off leaves a mark on the parameters (delay, lag and short period
+trade against each other), so further banks are linearised about their own smoothed result (`ident.iterated_bank`). They
+close in on the maximum until the log-likelihood falls like a parabola, whose vertex and curvature are delay and sigma.
 """
 
 from __future__ import annotations
@@ -13,17 +15,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.bank import BankEstimate, run_bank
-from ident.ekf import FilterSettings, run_ekf
+from ident.ekf import FilterSettings, filter_record
 from ident.estimate import Estimate, Outcome
+from ident.iterated_bank import run_iterated_bank
+from ident.setup import filter_problem
 from sim.errors import ModelError
-from sim.parameters import ParameterSet
 from sim.record import Record
 from sim.system import System
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
-_PARABOLA = 2.0  # a fall of the log-likelihood to the neighbours (two sigmas) over which it counts as a parabola
+_PARABOLA = 4.5  # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
 _FINEST = 1e-4  # s, closer together filters do not stand
-_ZOOMS = 5
+_POINTS, _BANKS = 7, 8
+_SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +43,9 @@ class DelayBank:
     weighted_mean : the sum of all delays by their weights, s.
     refined, refined_std : delay between the grid points with its standard deviation, s; the latter is that of white
         innovations and knows nothing of a model that is wrong.
-    at_edge : the likelihood is largest at the end of the grid; nothing is refined beyond it.
-    estimate : the filter at the refined delay with its history. Where refinement gave a sigma, ``delay`` is the last name and
-        the covariance holds what the delay's uncertainty adds to the others; else the delay is not among the names.
+    at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
+    estimate : the iterated filter at the refined delay, with its history. Where refinement gave a sigma, the delay is the last
+        name and the covariance holds what its uncertainty adds to the others; else the delay is not among the names.
     """
 
     delays: np.ndarray
@@ -76,18 +80,15 @@ def run_delay_bank(
         raise ModelError("fewer than three delays, or not increasing", where="delay bank", remedy="give three or more in order, in s")
     settings = settings or FilterSettings()
     bank = run_bank(record, system, settings, held={name: grid})
-    weights = likelihood_weights(bank.log_likelihood)
-    best = int(np.argmax(bank.log_likelihood))
-    at_edge = best in (0, grid.size - 1)
-    refined, std, slope = float(grid[best]), 0.0, None
-    if not at_edge:
-        refined, std, slope = _closing_in(record, system, settings, name, grid, bank)
-    held = replace(system, parameters=_valued(system.parameters, name, refined))
-    estimate = run_ekf(record, held, settings)
-    if slope is not None and std > 0 and estimate.outcome is Outcome.CONVERGED:
-        estimate = _with_delay(estimate, name, system.parameters[name].unit, refined, std, slope[len(system.states) :])
+    weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
+    found = _closing_in(record, system, settings, name, grid, best)
+    held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
+    problem = filter_problem(record, held, settings.max_step)
+    estimate = filter_record(problem, settings, about=found.about)
+    if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
+        estimate = _with_delay(estimate, name, system.parameters[name].unit, found, len(system.states))
     mean = float(weights @ grid)
-    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, refined, std, at_edge, estimate)
+    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, found.delay, found.std, found.std == 0.0, estimate)
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
@@ -108,43 +109,58 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(0.5 * (x[0] + x[1]) + d1 / curvature), float(curvature)
 
 
-def _closing_in(
-    record: Record, system: System, settings: FilterSettings, name: str, grid: np.ndarray, bank: BankEstimate
-) -> tuple[float, float, np.ndarray | None]:
-    """Delay, sigma and change of the mean (n,) per second of delay, from banks ever closer around the maximum."""
-    for _ in range(_ZOOMS):
-        near = slice(int(np.argmax(bank.log_likelihood)) - 1, int(np.argmax(bank.log_likelihood)) + 2)
-        fall = bank.log_likelihood[near].max() - bank.log_likelihood[near].min()
-        if fall <= _PARABOLA or grid[near][1] - grid[near][0] <= _FINEST:
-            break
-        # The ends are inside the last bank's neighbours; an end of the finer grid can be its maximum only by rounding.
-        grid = np.linspace(grid[near][0], grid[near][2], grid.size)
-        bank = run_bank(record, system, settings, held={name: grid})
-        if int(np.argmax(bank.log_likelihood)) in (0, grid.size - 1):
-            return float(grid[np.argmax(bank.log_likelihood)]), 0.0, None
-    best = int(np.argmax(bank.log_likelihood))
-    near = slice(best - 1, best + 2)
-    delay, curvature = vertex(grid[near], bank.log_likelihood[near])
-    if curvature == 0.0 or not np.all(bank.sound[near]):
-        return delay, 0.0, None
-    slope = (bank.mean[:, best + 1] - bank.mean[:, best - 1]) / (grid[best + 1] - grid[best - 1])
-    return delay, curvature**-0.5, slope
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean ``(n,)`` per second of delay,
+    and the smoothed trajectory ``(n, N)`` of the nearest filter."""
+
+    delay: float
+    std: float
+    slope: np.ndarray
+    about: np.ndarray | None
 
 
-def _with_delay(estimate: Estimate, name: str, unit: str, delay: float, std: float, slope: np.ndarray) -> Estimate:
+def _closing_in(record: Record, system: System, settings: FilterSettings, name: str, grid: np.ndarray, best: int) -> _Found:
+    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first."""
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    nowhere = _Found(float(grid[best]), 0.0, np.zeros(0), None)
+    about = None
+    for attempt in range(_BANKS):
+        fine = np.linspace(low, high, _POINTS)
+        bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=_SETTLED if attempt else 1.0)
+        if not np.any(bank.sound):
+            return nowhere
+        top = int(np.argmax(bank.log_likelihood))
+        about = trajectories[:, :, top : top + 1]
+        if top in (0, _POINTS - 1):
+            shift = (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
+            shift = min(shift, grid[-1] - high)
+            if shift == 0.0:
+                return replace(nowhere, delay=float(fine[top]), about=about[:, :, 0])
+            low, high = low + shift, high + shift
+            continue
+        near = slice(top - 1, top + 2)
+        fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
+        if fall <= _PARABOLA or fine[1] - fine[0] <= _FINEST:
+            delay, curvature = vertex(fine[near], bank.log_likelihood[near])
+            if curvature > 0 and np.all(bank.sound[near]):
+                slope = (bank.mean[:, top + 1] - bank.mean[:, top - 1]) / (fine[top + 1] - fine[top - 1])
+                return _Found(delay, curvature**-0.5, slope, about[:, :, 0])
+            return replace(nowhere, delay=float(fine[top]), about=about[:, :, 0])
+        low, high = fine[top - 1], fine[top + 1]
+    return nowhere
+
+
+def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:
+    """The estimate with the delay as its last parameter, its uncertainty carried over to the others."""
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance
-    whole = np.append(slope, 1.0) * std
-    covariance += np.outer(whole, whole)
+    whole = np.append(found.slope[n_x:], 1.0) * found.std
     return replace(
         estimate,
         names=(*estimate.names, name),
         units=(*estimate.units, unit),
-        values=np.append(estimate.values, delay),
-        covariance=covariance,
+        values=np.append(estimate.values, found.delay),
+        covariance=covariance + np.outer(whole, whole),
     )
-
-
-def _valued(parameters: ParameterSet, name: str, value: float) -> ParameterSet:
-    return parameters.with_values({name: value})
