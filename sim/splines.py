@@ -90,7 +90,8 @@ def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:
             total = total + size * (((c3 * u + c2) * u + c1) * u + c0)
         return total
     z = np.asarray(z)
-    cells = np.clip(np.floor(z.real), -1, shapes.intervals)
+    # What is not a number is put into the lowest interval and stays what it is.
+    cells = np.fmin(np.fmax(np.floor(z.real), -1.0), shapes.intervals)
     u = z - cells
     shape = np.broadcast_shapes(*(np.shape(size) for size in sizes))
     depth = (1,) * len(shape)
