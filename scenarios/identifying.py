@@ -29,13 +29,14 @@ LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite o
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a measured record says of a model."""
+    """What a measured record says of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma."""
 
     record: Record
     vehicle: VehicleFile
     method: str
     estimate: Estimate
     rows: tuple[Row, ...]
+    biases: tuple[Row, ...]
     derived: dict[str, tuple[float, float]]
     fixed: dict[str, tuple[float, str]]
     tests: tuple[ResidualTest, ...]
@@ -81,11 +82,14 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
         Row(name, unit, float(value), float(std))
         for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
     )
+    names = [f"bias_{name}" for name in biased.biases]
+    biases = tuple(row for row in rows if row.name in names)
+    rows = tuple(row for row in rows if row.name not in names)
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     derived = {} if vehicle.model == "ballistic" or not np.all(np.isfinite(estimate.values)) else modal_estimate(system, estimate)
     fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
-    return Identification(record, vehicle, method, estimate, rows, derived, fixed, tests)
+    return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests)
 
 
 def _refuse_beyond_measure(record: Record) -> None:
@@ -93,7 +97,9 @@ def _refuse_beyond_measure(record: Record) -> None:
         wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > LARGEST))
         if wrong.size:
             where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
-            raise RecordError(f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing")
+            raise RecordError(
+                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+            )
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:

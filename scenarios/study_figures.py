@@ -60,8 +60,7 @@ def draw_identification(found: Identification, folder: Path) -> None:
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
     save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")
     if estimate.history is not None:
-        units = [row.unit for row in found.rows]
-        save_figure(figure_parameter_histories(estimate.history, estimate.names, units, title=title), folder, "parameters")
+        save_figure(figure_parameter_histories(estimate.history, estimate.names, estimate.units, title=title), folder, "parameters")
         save_figure(
             figure_innovations(estimate.history, estimate.output_names, _output_units(found.record, estimate.output_names), title),
             folder,

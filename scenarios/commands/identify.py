@@ -64,6 +64,7 @@ def identification_content(found: Identification, path: Path) -> dict[str, Any]:
         "vehicle": found.vehicle.name,
         "method": found.method,
         **content,
+        **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
         "inputs": {"records": [path.name], "sha256": [digest]},
         "versions": versions(),
     }
@@ -107,7 +108,7 @@ def _print(found: Identification) -> None:
     for heading in ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
     starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
-    for row in found.rows:
+    for row in (*found.rows, *found.biases):
         share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
         begun = f"{starts[row.name]:.5g}" if row.name in starts else "-"
         table.add_row(row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun)
