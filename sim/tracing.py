@@ -118,6 +118,6 @@ def late_times(occasion: Occasion) -> tuple[float, ...]:
 
 
 def shares_of_peak(occasion: Occasion, signal: str, shares: Sequence[float]) -> tuple[float, ...]:
-    """Shares of an input's largest magnitude; none where the input stays at zero."""
-    peak = occasion.input_peak.get(signal, 0.0)
-    return tuple(share * peak for share in shares) if peak > 0 else ()
+    """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
+    flown = occasion.flown_range(signal)
+    return tuple(share * max(abs(value) for value in flown) for share in shares) if flown else ()

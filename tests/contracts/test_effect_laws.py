@@ -13,6 +13,7 @@ import pytest
 
 import sim.effects.input_path
 from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, Regularity, SensorEffect, Station, full_name
+from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
 from sim.errors import ModelError
 from sim.forced import propagate_forced
@@ -22,6 +23,7 @@ from sim.maths import COMPLEX_STEP
 from sim.model import Model
 from sim.record import Hold
 from sim.system import System, compile_model
+from sim.tracing import Occasion, Traceable
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
@@ -75,7 +77,7 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
         Station.INPUT_PATH: (InputEffect,),
         Station.DYNAMICS: (DynamicsEffect,),
         Station.DISTURBANCE: (DynamicsEffect,),
-        Station.SENSOR_PATH: (SensorEffect, ReadingEffect),
+        Station.SENSOR_PATH: (SensorEffect, ReadingEffect, InputEffect),  # recorded inputs have sensors, too
         Station.NOISE: (NoiseEffect,),
     }[effect.station]
     assert isinstance(effect, form)
@@ -217,6 +219,28 @@ def test_only_the_effect_in_batch_is_one_by_one(effect: Effect, base: str) -> No
         alone = fly(system, flight, [float(value[run]) if np.ndim(value) else float(value) for value in batch])
         for got, expected in zip(together, alone, strict=True):
             np.testing.assert_allclose(np.broadcast_to(got.T, (2, len(expected)))[run], expected, rtol=1e-11, atol=1e-12 * np.max(np.abs(expected)))
+
+
+@every_case
+def test_probes_are_complete_and_within_bounds(effect: Effect, base: str) -> None:
+    if isinstance(effect, StructuralMode):
+        return  # a part of a flexible vehicle, declared with it: no search proposes it
+    assert isinstance(effect, Traceable)
+    model, flight = base_for(base)
+    peak = {signal.name: float(np.max(np.abs(row))) for signal, row in zip(model.equations.inputs, flight.u, strict=True)}
+    rate = {signal: 50.0 * value for signal, value in peak.items()}
+    states = {"alpha": 0.2, "q": 0.3, "nz": 2.0}
+    occasion = Occasion(3.0, 9.0, 0.02, input_peak=peak, input_rate=rate, state_peak=states, residual_peaks=(9.0, 14.0), airspeed=150.0)
+    items = {item.name: item for item in effect.parameters}
+    assert effect.onset in ("", *items) and set(effect.plausible) <= set(items)
+    for name, (low, high) in effect.plausible.items():
+        assert items[name].bounds[0] <= low <= items[name].value <= high <= items[name].bounds[1]
+    for probe in effect.probes(occasion):
+        assert set(probe.values) == set(items) and set(probe.slopes) <= {item.name for item in effect.parameters if item.free}
+        for name, value in probe.values.items():
+            assert items[name].bounds[0] <= value <= items[name].bounds[1]
+        if not probe.slopes:
+            assert any(probe.values[name] != value for name, value in effect.absent.items()), "a whole change needs a place where the effect acts"
 
 
 ONLINE = [case for case in CASES if isinstance(case.values[0], OnlineForm)]

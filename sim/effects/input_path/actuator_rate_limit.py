@@ -12,10 +12,10 @@ import numpy as np
 from sim.effect import Effect, Regularity, Station
 from sim.maths import absolute, each_column, maximum
 from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.tracing import Occasion, Probe, shares_of_peak
 
 UNLIMITED = 1e9
-SLEWS = (0.05, 0.11, 0.23, 0.5, 1.1)  # s to run through the input's peak: from hardly felt to always behind
+PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class ActuatorRateLimit:
         return {"rate": (self.typical / 30.0, 10.0 * self.typical)}
 
     def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        peak, fastest = occasion.input_peak.get(self.signal, 0.0), occasion.input_rate.get(self.signal, 0.0)
-        return [Probe({"rate": peak / slew}) for slew in SLEWS if 0.0 < peak / slew < fastest]
+        fastest = occasion.input_rate.get(self.signal, 0.0)
+        return [Probe({"rate": rate}) for rate in shares_of_peak(occasion, self.signal, PER_SECOND) if 0.0 < rate < fastest]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells; loops over changes of the input only.

@@ -36,7 +36,7 @@ class InputBacklash:
     rank: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("input-deadband",)
+    aliases: ClassVar[tuple[str, ...]] = ()
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (

@@ -35,7 +35,7 @@ class InputDeadband:
     rank: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-backlash", "control-nonlinearity")
+    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
     onset: ClassVar[str] = ""
     per_record: ClassVar[bool] = False

@@ -12,6 +12,9 @@ import numpy as np
 from sim.effect import Effect, Regularity, Signal, Station
 from sim.maths import linear_recurrence, real, trailing, where
 from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe, late_times
+
+_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
 
 
 @dataclass(frozen=True)
@@ -26,14 +29,18 @@ class SensorLag:
     channel: str
 
     station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 10
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"time_constant": (0.0, 0.5)})
     explanation: ClassVar[str] = (
         "The sensor or its filter follows the true value with a first-order lag: time_constant dy/dt = v - y. A steady value is read rightly, a "
-        "ramp late by one time constant, an oscillation late and too small, the more so the faster it is. Records that hold mainly frequencies well "
-        "below 1/time_constant cannot tell it from a pure delay of the same length; for the angle of attack a vane ahead of the centre of gravity "
-        "looks much the same."
+        "ramp late by one time constant, an oscillation late and too small, the more so the faster it is. Records that hold mainly frequencies "
+        "well below 1/time_constant cannot tell it from a pure delay of the same length; for the angle of attack a vane ahead of the centre of "
+        "gravity looks much the same. A late altitude of a falling body cannot be seen at all: the same fall begun later is the same fall."
     )
 
     @property
@@ -42,12 +49,14 @@ class SensorLag:
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        late = (f"sensor-delay:{self.channel}",)
-        return (*late, "vane-offset") if self.channel == "alpha" else late
+        return (f"sensor-delay:{self.channel}", *_LOOKS_LIKE.get(self.channel, ()))
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
         return (Signal(f"lagged_{self.channel}", f"unit of {self.channel}", f"{self.channel} as its sensor shows it"),)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return () if self.channel == "altitude" else [Probe({"time_constant": time}) for time in late_times(occasion)]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.

@@ -1,0 +1,70 @@
+"""A drift of one output channel, linear in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Station
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+
+@dataclass(frozen=True)
+class SensorDrift:
+    """The recorded channel has slope (t - begin) added to it.
+
+    ``slope`` in the unit of the channel per second, either sign; ``begin`` in s, the record's first time, is held: where the
+    channel has a bias it only keeps the two apart. Each record has its own slope.
+
+    Attributes
+    ----------
+    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that.
+    """
+
+    channel: str
+    unit: str
+    typical: float
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 20
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"slope": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    explanation: ClassVar[str] = (
+        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this. The "
+        "deviation grows steadily whatever the maneuver, in one channel alone and against the kinematics. A trim or a speed that changes slowly "
+        "moves all channels together instead. The slope belongs to one record; on another it has another value, so that it cannot be confirmed by "
+        "replication, and on measured data slow disturbances easily pass for it. On a falling body a drift of the altitude stands for anything "
+        "that adds a constant to the measured velocity, a horizontal motion seen by the radar among them."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-drift:{self.channel}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("slope", self.typical, f"{self.unit}/s"), Parameter("begin", 0.0, "s", free=False))
+
+    @property
+    def plausible(self) -> Mapping[str, tuple[float, float]]:
+        return {"slope": (-20.0 * self.typical, 20.0 * self.typical)}
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"slope": 0.0, "begin": occasion.begin}, ("slope",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: y[self.channel] + p.slope * (s.time - p.begin)}
+
+
+VARIANTS: tuple[Effect, ...] = (
+    SensorDrift("alpha", "rad", 5e-4),
+    SensorDrift("q", "rad/s", 5e-4),
+    SensorDrift("nz", "g", 5e-3),
+    SensorDrift("altitude", "m", 5.0),
+)

@@ -1,0 +1,66 @@
+"""A wrong scale factor of one output channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Station
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+_ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "alpha": ("sensor-scale:q", "sensor-lag:nz", "sensor-delay:nz"),
+        "q": ("sensor-scale:alpha",),
+        "nz": (),
+        "altitude": ("density-scale-height",),
+    }
+)
+
+
+@dataclass(frozen=True)
+class SensorScale:
+    """The recorded channel is ``scale`` times the true one, before the bias is added.
+
+    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude it is offered for simulation but never
+    proposed by a search: with the density's scale height and beta scaled alike a fall obeys the same equation but for gravity,
+    which is known, so that all it could add is a wrong name for a warmer atmosphere.
+    """
+
+    channel: str
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 10
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"scale": (0.6, 1.6)})
+    explanation: ClassVar[str] = (
+        "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the upwash of the fuselage reads too much, a gyro with a "
+        "wrong range setting any amount. One scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join the three "
+        "without any aerodynamics, so that with alpha, q and nz at hand a single scale shows. With two channels it only changes the derivatives: "
+        "the lift slope for alpha, all moment derivatives for q, and the record cannot say which is at fault. An altitude scaled together with the "
+        "density's scale height and with beta gives the same fall but for gravity, and is therefore not searched for."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-scale:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return _ALIASES.get(self.channel, ())
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return () if self.channel == "altitude" else [Probe({"scale": 1.0}, ("scale",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: p.scale * y[self.channel]}
+
+
+VARIANTS: tuple[Effect, ...] = tuple(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude"))

@@ -1,0 +1,164 @@
+"""Isolated samples of one channel that are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.effect import Effect, Regularity, Station
+from sim.maths import maximum, minimum, real, trailing
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+EXPLANATION = (
+    "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost bits, telemetry dropouts and connectors that "
+    "lose contact do this. Nothing before or after such a sample answers to it, which no motion of the vehicle could do; in the recorded input the "
+    "vehicle does not react to it. A single one outweighs hundreds of good samples in a least-squares fit, so spikes are found by rule and set "
+    "aside before anything else is judged. Noise with heavy tails also has large samples, but of all sizes in between; that is no spike, nor are "
+    "outliers in runs."
+)
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """Where spikes stand: ``count`` moments, one in each equal part of the record, and their signs, drawn from ``seed``."""
+
+    count: int = 6
+    seed: int = 0
+
+    def errors(self, begin: Any, end: Any, p: Any) -> Any:
+        """Mean error over each interval ``[begin, end]``, s from the record's start, ``(n,)``: ``(n, ...)`` with the batch axes of ``p``.
+
+        A spike begins at a multiple of ``p.width`` and lasts as long; at a moment (an interval of no length) it is read within
+        half a width about its beginning, so that rounding of sample times does not matter. The record lasts ``p.duration``.
+        """
+        rng = np.random.default_rng(self.seed)
+        places, signs = (np.arange(self.count) + rng.uniform(0.2, 0.8, self.count)) / self.count, rng.choice((-1.0, 1.0), self.count)
+        depth = max(np.ndim(p.size), np.ndim(p.duration), np.ndim(p.width))
+        begin, end = trailing(np.asarray(begin), depth), trailing(np.asarray(end), depth)
+        long = end > begin
+        total: Any = 0.0
+        for place, sign in zip(places.tolist(), signs.tolist(), strict=True):
+            number = np.ceil(place * np.asarray(p.duration).real / np.asarray(p.width).real)
+            first = np.where(long, number, number - 0.5) * p.width
+            last = first + p.width
+            covered = maximum(minimum(end, last) - maximum(begin, first), 0.0) / np.where(long, end - begin, 1.0)
+            total = total + sign * np.where(long, covered, (begin >= real(first)) & (begin < real(last)))
+        return p.size * total
+
+
+@dataclass(frozen=True)
+class SensorSpikes:
+    """``bursts.count`` moments at which the recorded output is off by ``size``, up or down; no later stage changes them.
+
+    ``size`` in the unit of the channel; ``duration`` of the record and ``width`` of a spike, s, are held: with a width
+    of one sampling interval each spike is one sample. For simulation: a search finds and masks such samples by rule, it fits no
+    size.
+
+    Attributes
+    ----------
+    channel, unit : the output it acts on. typical : the starting size. bursts : when.
+    """
+
+    channel: str
+    unit: str
+    typical: float
+    bursts: Bursts = Bursts()
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 90
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.OUTLIER
+    aliases: ClassVar[tuple[str, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = EXPLANATION
+
+    @property
+    def name(self) -> str:
+        return f"sensor-spikes:{self.channel}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return _parameters(self.unit, self.typical)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return ()
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """Adds the spikes to the values at the edges of the sub-steps."""
+        begin, end = np.asarray(begin), np.asarray(end)
+        at = np.concatenate([[0.0], np.cumsum(steps)])
+        wrong = self.bursts.errors(at, at, p)
+        depth = max(wrong.ndim, begin.ndim) - 1
+        wrong = trailing(wrong, depth)
+        return trailing(begin, depth) + wrong, trailing(end, depth) + wrong[1:]
+
+
+@dataclass(frozen=True)
+class InputSpikes:
+    """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while the vehicle feels the right one.
+
+    Parameters as those of SensorSpikes. Since the record is what a simulation starts from, the spikes are taken off it
+    before anything else acts on the input.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting size. bursts : when.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.1
+    bursts: Bursts = Bursts()
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = -10
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.OUTLIER
+    aliases: ClassVar[tuple[str, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = EXPLANATION
+
+    @property
+    def name(self) -> str:
+        return f"sensor-spikes:{self.signal}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return _parameters(self.unit, self.typical)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return ()
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Takes the spikes off the mean over each cell, in proportion to the part of the cell that lies in one."""
+        u, since = np.asarray(u), np.asarray(edges) - edges[0]
+        wrong = self.bursts.errors(since[:-1], since[1:], p)
+        depth = max(wrong.ndim, u.ndim) - 1
+        return trailing(u, depth) - trailing(wrong, depth)
+
+
+def _parameters(unit: str, typical: float) -> tuple[Parameter, ...]:
+    return (
+        Parameter("size", typical, unit),
+        Parameter("duration", 5.0, "s", bounds=(1e-3, 1e6), free=False),
+        Parameter("width", 0.02, "s", bounds=(1e-6, 10.0), free=False),
+    )
+
+
+VARIANTS: tuple[Effect, ...] = (
+    SensorSpikes("alpha", "rad", 0.05),
+    SensorSpikes("q", "rad/s", 0.05),
+    SensorSpikes("nz", "g", 0.5),
+    SensorSpikes("altitude", "m", 250.0),
+    InputSpikes(),
+    InputSpikes("stick", "1", 1.0),
+)

@@ -1,0 +1,47 @@
+"""An angle-of-attack vane ahead of the centre of gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Station
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+
+@dataclass(frozen=True)
+class VaneOffset:
+    """The vane sits ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
+
+    ``arm`` in m, not negative; it adds to an arm that the vehicle's equations already have. V is the airspeed at the time.
+    """
+
+    name: ClassVar[str] = "vane-offset"
+    channel: ClassVar[str] = "alpha"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    aliases: ClassVar[tuple[str, ...]] = ("sensor-lag:alpha", "sensor-delay:alpha")
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"arm": (0.0, 40.0)})
+    explanation: ClassVar[str] = (
+        "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
+        "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
+        "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only fast reversals, where q and alpha_dot "
+        "differ by the lift, tell them apart. A vane behind the centre of gravity would look like a late q; it is not built, so its arm is not "
+        "allowed."
+    )
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"arm": 0.0}, ("arm",))]
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"alpha": y["alpha"] - p.arm / s.V * s.q}
+
+
+VARIANTS: tuple[Effect, ...] = (VaneOffset(),)
