@@ -99,6 +99,8 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
         if name in record.output_names:
             channel = record[name]
             measured[i] = np.interp(grid.nodes, record.time[channel.valid], channel.values[channel.valid])
+    if len(measured) == len(system.states):
+        return np.array([measured[i] for i in range(len(measured))])
     drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
     stages = [[row.tolist() for row in stage] for stage in drive.stages]
     x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))

@@ -1,8 +1,9 @@
 """How the outputs of a fitted node would change under many alternative parameter values, in one batch.
 
 Every alternative is integrated over all node intervals from the fitted trajectory; the defects that this leaves
-are joined with the base model's transition matrices. Exact for equations linear in the states, first order else:
-good enough to rank candidates.
+are joined with the base model's transition matrices. States that the alternatives add (a mode, a lagged load)
+are first driven by the fitted trajectory, each with its own dynamics: what they feed back is of second order
+where they begin without influence. Exact for equations linear in the states, first order else: enough to rank candidates.
 """
 
 from __future__ import annotations
@@ -16,41 +17,99 @@ from ident.whole_record import INCREMENT, RecordProblem, cross_intervals, join_i
 from sim.grid import Drive, drive_from_record
 
 
-def alternative_outputs(problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def alternative_outputs(
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Outputs at the samples for alternative parameters.
 
     Parameters
     ----------
     problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
-    states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations.
+    states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are zero in it.
     alternatives : ``(np, a)`` all parameters, a column an alternative.
+    known : the first so many states are the base's own, the others are added.
 
     Returns
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
     n_x, a = len(states), alternatives.shape[1]
-    size = np.sqrt(np.mean(states**2, axis=1))
-    steps = INCREMENT * np.where(size > 0, size, 1.0)
-    width = 1 + n_x + a
-    rows: list[Any] = p.tolist()
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
-    for index in varied:
-        rows[index] = np.concatenate([np.full(1 + n_x, p[index]), alternatives[index]])
-    X = np.array(np.broadcast_to(states[:, :-1, None], (n_x, states.shape[1] - 1, width)))
-    X[np.arange(n_x), :, 1 + np.arange(n_x)] += steps[:, None]
-    drive = _drive(problem, rows, varied)
-    ends = np.array([np.broadcast_to(r, X.shape[1:]) for r in cross_intervals(problem, list(X), drive, rows)[-1]])
-    A = (ends[:, :, 1 : 1 + n_x] - ends[:, :, :1]) / steps
-    B = ends[:, :, 1 + n_x :] - states[:, 1:, None]
-    base_defect = ends[:, :, 0] - states[:, 1:]
-    joined = join_intervals(A, B, base_defect, (), np.zeros(n_x))
-    X = states[:, :, None] + np.concatenate([joined[:, :, :1], joined[:, :, 1:]], axis=2)
     few: list[Any] = p.tolist()
     for index in varied:
         few[index] = np.concatenate([[p[index]], alternatives[index]])
+    X = np.array(np.broadcast_to(states[:, :, None], (n_x, states.shape[1], 1 + a)))
+    if n_x > known:
+        _drive_added(problem, alternatives, varied, X, known)
+    size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
+    steps = INCREMENT * np.where(size > 0, size, 1.0)
+    rows: list[Any] = p.tolist()
+    for index in varied:
+        rows[index] = np.concatenate([np.full(1 + known, p[index]), alternatives[index]])
+    start = np.concatenate([X[:, :-1, :1], np.repeat(X[:, :-1, :1], known, axis=2), X[:, :-1, 1:]], axis=2)
+    start[np.arange(known), :, 1 + np.arange(known)] += steps[:, None]
+    reached = cross_intervals(problem, list(start), _drive(problem, rows, varied), rows)[-1]
+    ends = np.array([np.broadcast_to(r, start.shape[1:]) for r in reached[:known]])
+    A = (ends[:, :, 1 : 1 + known] - ends[:, :, :1]) / steps
+    B = ends[:, :, 1 + known :] - X[:known, 1:, 1:]
+    joined = join_intervals(A, B, ends[:, :, 0] - X[:known, 1:, 0], (), np.zeros(known))
+    X[:known] += joined
     full = sample_outputs(problem, few, list(X), _drive(problem, few, varied), 1 + a)
     return full[:, :, 0], full[:, :, 1:]
+
+
+def _drive_added(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, X: np.ndarray, known: int) -> None:
+    """Trajectories of the added states under the base's motion, into ``X (nx, K + 1, 1 + a)``; alike alternatives share one."""
+    from scipy.linalg.lapack import dtbtrs
+
+    added = len(X) - known
+    acting = _acting(problem, alternatives, varied, X, known)
+    keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
+    chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
+    few = alternatives[:, chosen]
+    count, width = len(chosen), len(chosen) * (1 + added)
+    rows: list[Any] = few[:, 0].tolist()
+    for index in varied:
+        rows[index] = np.repeat(few[index], 1 + added)
+    start = np.array(np.broadcast_to(X[:, :-1, :1], (len(X), X.shape[1] - 1, width)))
+    step = 1e-3
+    for j in range(added):
+        start[known + j, :, 1 + j :: 1 + added] += step
+    reached = cross_intervals(problem, list(start), _drive(problem, rows, varied), rows)[-1]
+    ends = np.array([np.broadcast_to(r, start.shape[1:]) for r in reached[known:]]).reshape(added, X.shape[1] - 1, count, 1 + added)
+    intervals = X.shape[1] - 1
+    columns = np.arange(intervals) * added
+    for k in range(count):
+        base = ends[:, :, k, 0]
+        A = (ends[:, :, k, 1:] - base[:, :, None]) / step
+        band = np.zeros((2 * added, (intervals + 1) * added))
+        band[0] = 1.0
+        for i in range(added):
+            for j in range(added):
+                band[added + i - j, columns + j] = -A[i, :, j]
+        right = np.zeros((intervals + 1, added))
+        right[1:] = base.T
+        solution, _ = dtbtrs(band, right.reshape(-1, 1), uplo="L", diag="U")
+        trajectory = solution.reshape(intervals + 1, added).T
+        for column in np.flatnonzero(share.ravel() == k):
+            X[known:, :, 1 + column] = trajectory
+
+
+def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, X: np.ndarray, known: int) -> list[int]:
+    """Which of the varied parameters move the rates of the added states."""
+    system = problem.system
+    middle = X.shape[1] // 2
+    x = X[:, middle, 0] + 1e-2
+    u = [0.01] * len(system.inputs)
+    base = alternatives[:, 0].tolist()
+    reference = system.f(0.0, x.tolist(), u, base)[known:]
+    out = []
+    for index in varied:
+        other = list(base)
+        other[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
+        if any(a != b for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)):
+            out.append(int(index))
+    return out
 
 
 def _drive(problem: RecordProblem, rows: Sequence[Any], varied: np.ndarray) -> Drive:

@@ -6,7 +6,7 @@ the rest. gain = -(N/2) ln(1 - explained share) (score test with nuisance parame
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from sim.errors import ModelError
 from sim.tracing import Occasion, Probe, fitted_to
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
-PLACES = 120  # over the record, for effects that may begin anywhere
+PLACES = 80  # over the record, for effects that may begin anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,24 +97,32 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
         signatures = _signatures(node, effect, probes)
     except ModelError:
         return None
-    apart = belongs_to_record(effect) and len(white.rows) > 1
+    apart, onset = belongs_to_record(effect) and len(white.rows) > 1, getattr(effect, "onset", "")
     total = float(white.e @ white.e)
     N = float(node.fit.counts.sum())
     results = []
-    for probe, C in _placed(node, white, effect, probes, signatures):
-        gain, amplitudes, contribution = 0.0, np.zeros(C.shape[1]), np.zeros(len(white.e))
-        for rows in white.rows if apart else (slice(None),):
-            block = np.zeros_like(C)
-            block[rows] = C[rows]
-            block -= white.Q @ (white.Q.T @ block)
-            share, a, f = _explained(white.e, block, total)
-            if share * N > 2.0 * gain:
-                amplitudes = a
-            gain += -0.5 * N * np.log1p(-min(share, 0.999999))
-            contribution += f
-        start = _start(effect, probe, amplitudes)
-        if start is not None and gain > 0:
-            results.append((gain, start, contribution))
+    spans = white.rows if apart else (slice(None),)
+    for probe, parts in zip(probes, signatures, strict=True):
+        places = _places(node, probe, onset)
+        blocks = _placed(parts, white, places)
+        gains = np.zeros(len(places))
+        amplitudes, contribution = np.zeros((len(places), blocks.shape[2])), np.zeros(blocks.shape[:2])
+        for rows in spans:
+            only = blocks
+            if apart:
+                only = np.zeros_like(blocks)
+                only[:, rows] = blocks[:, rows]
+            share, a, f = _explained(white, only, total)
+            gain = -0.5 * N * np.log1p(-np.minimum(share, 0.999999))
+            amplitudes = np.where((gain > gains)[:, None], a, amplitudes)
+            gains, contribution = gains + gain, contribution + f
+        for place in np.argsort(-gains)[: 2 * most]:
+            values = dict(probe.values)
+            if probe.shifts:
+                values[onset] = values[onset] + places[place] * occasion.interval
+            start = _start(effect, Probe(values, probe.slopes), amplitudes[place])
+            if start is not None and gains[place] > 0:
+                results.append((float(gains[place]), start, contribution[place]))
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
@@ -125,52 +133,49 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
         if len(distinct) == most:
             break
     count = sum(1 for item in effect.parameters if item.free) * (len(white.rows) if apart else 1)
-    starts, gains = tuple(result[1] for result in distinct), tuple(float(result[0]) for result in distinct)
-    return Finding(effect, gains[0], count, starts, gains, distinct[0][2])
+    return Finding(effect, distinct[0][0], count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
 
 
-def _placed(
-    node: Node, white: _Whitened, effect: Effect, probes: Sequence[Probe], signatures: Sequence[Sequence[np.ndarray]]
-) -> Iterator[tuple[Probe, np.ndarray]]:
-    """Every probe with its whitened columns ``(D, k)``; one with an onset at all its places over the record.
+def _places(node: Node, probe: Probe, onset: str) -> list[int]:
+    """By how many samples a probe's signature is moved: over the whole record where it merely shifts with the onset."""
+    if not (probe.shifts and onset):
+        return [0]
+    longest = max(len(problem.record) for problem in node.fit.layout.problems)
+    return list(range(0, longest - 2, max(1, longest // PLACES)))
+
+
+def _placed(parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
+    """Whitened signature at each place, ``(places, D, k)``.
 
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
-    onset = getattr(effect, "onset", "")
-    times = [problem.record.time for problem in node.fit.layout.problems]
-    for probe, parts in zip(probes, signatures, strict=True):
-        shifts = [0]
-        if probe.shifts:
-            shifts = list(range(0, max(len(time) for time in times) - 2, max(1, max(len(time) for time in times) // PLACES)))
-        for shift in shifts:
-            moved = [_later(part, shift) for part in parts]
-            columns = np.concatenate([(part * w[:, :, None]).reshape(-1, part.shape[2]) for part, w in zip(moved, white.weight, strict=True)])
-            values = dict(probe.values)
-            if probe.shifts:
-                step = float(np.median(np.diff(times[0])))
-                values[onset] = values[onset] + shift * step
-            yield Probe(values, probe.slopes, probe.shifts), columns
-
-
-def _later(part: np.ndarray, shift: int) -> np.ndarray:
-    """A signature ``(m, N, k)`` later by whole samples, nothing before it."""
-    if shift == 0:
-        return part
-    out = np.zeros_like(part)
-    out[:, shift:] = part[:, :-shift] if shift < part.shape[1] else 0.0
+    out = np.zeros((len(places), len(white.e), parts[0].shape[2]))
+    for part, w, rows in zip(parts, white.weight, white.rows, strict=True):
+        for number, shift in enumerate(places):
+            moved = np.zeros_like(part)
+            if shift < part.shape[1]:
+                moved[:, shift:] = part[:, : part.shape[1] - shift]
+            out[number, rows] = (moved * w[:, :, None]).reshape(-1, part.shape[2])
     return out
 
 
-def _explained(e: np.ndarray, block: np.ndarray, total: float) -> tuple[float, np.ndarray, np.ndarray]:
-    """Share of the residual that the columns explain, their amplitudes, and what they add."""
-    size = np.linalg.norm(block, axis=0)
-    if not np.all(np.isfinite(size)) or np.max(size, initial=0.0) <= 1e-9 * np.sqrt(len(e)):
-        return 0.0, np.zeros(block.shape[1]), np.zeros(len(e))
-    scaled = block / np.where(size > 0, size, 1.0)
-    gram = scaled.T @ scaled + 1e-9 * np.eye(block.shape[1])
-    b = np.linalg.solve(gram, scaled.T @ e)
-    f = scaled @ b
-    return max(0.0, min(1.0, float(f @ e) / total)), b / np.where(size > 0, size, 1.0), f
+def _explained(white: _Whitened, blocks: np.ndarray, total: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each block ``(places, D, k)``: share of the residual that it explains, amplitudes ``(places, k)``, what it adds ``(places, D)``."""
+    places, D, k = blocks.shape
+    flat = blocks.transpose(1, 0, 2).reshape(D, -1)
+    before = np.linalg.norm(flat, axis=0)
+    flat = flat - white.Q @ (white.Q.T @ flat)
+    size = np.linalg.norm(flat, axis=0)
+    # What the node's own parameters explain but for rounding is no signature.
+    sound = np.isfinite(size) & (size > 1e-6 * before) & (size > 0)
+    scaled = np.where(sound, flat / np.where(sound, size, 1.0), 0.0)
+    b = (white.e @ scaled).reshape(places, k)
+    cube = scaled.reshape(D, places, k).transpose(1, 0, 2)
+    gram = np.swapaxes(cube, 1, 2) @ cube + 1e-9 * np.eye(k) + np.eye(k) * ~sound.reshape(places, 1, k)
+    coefficients = np.linalg.solve(gram, b[:, :, None])[:, :, 0]
+    added = (cube @ coefficients[:, :, None])[:, :, 0]
+    share = np.clip(np.einsum("pk,pk->p", coefficients, b) / total, 0.0, 1.0)
+    return share, np.where(sound, coefficients.ravel() / np.where(sound, size, 1.0), 0.0).reshape(places, k), added
 
 
 def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
@@ -193,7 +198,7 @@ def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[lis
         problem = record_problem(old.record, system, layout.settings.max_step, (), (), valid=old.valid)
         states = dict(zip(layout.system.state_names, node.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
-        y, changed = alternative_outputs(problem, base, trajectory, alternatives)
+        y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))
         for number, (first, count, reference, step) in enumerate(where):
             zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
             blocks[number].append((changed[:, :, first : first + count] - zero) / step)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ident.fit_layout import FitSettings
 from ident.information import inverse_information
+from ident.residuals import ljung_box
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.node import Node, fit_set
 from ident.tracing.occasion import occasion_at
@@ -25,6 +26,7 @@ from sim.record import Record
 from sim.tracing import Refinable
 
 COLLINEAR = 0.9
+HOPELESS = 0.2
 
 
 @dataclass(eq=False)
@@ -85,18 +87,34 @@ def unevenness(parent: Node, child: Node) -> float:
 
 
 def grow(search: Search, root: Node) -> Node:
-    """Add effects round by round; returns the best node found."""
+    """Add effects round by round; returns the best node found.
+
+    The best set is extended first. Where nothing can be added to it and its residual is white the search is over: a
+    second-best set is looked at only as long as something is missing from the best.
+    """
     search.keep(root, root.criterion)
     beam = [root]
     for number in range(1, search.settings.depth + 1):
-        children: list[Node] = []
-        for node in beam:
-            children += expand(search, node, number)
-        unique = {frozenset(child.names): child for child in children}
-        if not unique:
+        children: dict[frozenset[str], Node] = {}
+        for place, node in enumerate(beam):
+            found = expand(search, node, number)
+            children |= {frozenset(child.names): child for child in found}
+            if place == 0 and not found and is_white(node):
+                break
+        if not children:
             break
-        beam = sorted(unique.values(), key=search.score)[: search.settings.beam]
+        beam = sorted(children.values(), key=search.score)[: search.settings.beam]
     return min(search.nodes.values(), key=search.score)
+
+
+def is_white(node: Node) -> bool:
+    """Whether no channel's residual shows correlation, at one in a thousand each."""
+    names = node.system.output_names
+    return all(
+        ljung_box(residual[i], problem.valid[i], name).p_value > 1e-3
+        for problem, residual in zip(node.fit.layout.problems, node.fit.residuals, strict=True)
+        for i, name in enumerate(names)
+    )
 
 
 def expand(search: Search, node: Node, number: int) -> list[Node]:
@@ -108,14 +126,16 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
     findings = screen(node, search.candidates, occasion_at(node))
     search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
     accepted: list[Node] = []
-    tried = 0
+    tried, most = 0, 0.0
     for finding in findings:
         if _excluded(node, finding.effect):
             continue
-        worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding)
+        # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
+        worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (tried < 2 or finding.gain > HOPELESS * most)
         child = _best_fit(search, node, finding) if tried < search.settings.tried and worth else None
         tried += child is not None
         gain = finding.gain if child is None else node.fit.cost - child.fit.cost
+        most = most if child is None else max(most, gain)
         others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > COLLINEAR)
         search.evidence.append(_candidate(number, node, finding, child, gain, others))
         if child is None:
