@@ -21,7 +21,7 @@ ROOT3 = math.sqrt(3.0)
 class GustTurbulence:
     """Vertical gusts of standard deviation ``sigma`` (m/s) and scale ``length`` (m), Dryden's form (MIL-F-8785C, 3.7.1.2).
 
-    One-sided spectrum over the spatial frequency W: sigma^2 (2 L/pi) (1 + 3 (L W)^2) / (1 + (L W)^2)^2, whose integral is
+    One-sided spectrum over the spatial frequency W: sigma^2 (L/pi) (1 + 3 (L W)^2) / (1 + (L W)^2)^2, whose integral is
     sigma^2. White noise of unit density through sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s:
     gust_1_dot = -gust_1/T + noise of density sigma^2/T,  gust_2_dot = (gust_1 - gust_2)/T,
     w = sqrt(3) gust_1 + (1 - sqrt(3)) gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
@@ -45,7 +45,7 @@ class GustTurbulence:
     plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"sigma": (0.0, 8.0), "length": (20.0, 2000.0)})
     explanation: ClassVar[str] = (
         "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "
-        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (2 L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
+        "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
         "frequency W. alpha as the loads and the vane feel it is alpha + w/V. No simulation can follow such a record: one judges the model's "
         "predictions one step ahead, whose errors stay correlated until the gust is estimated along with the motion. Left out, it makes every "
         "derivative look better known than it is."

@@ -18,7 +18,7 @@ from sim.tracing import Occasion, Probe
 class DragJump:
     """From ``time`` (s) on the drag is ``factor`` times as large; beta is the ballistic coefficient before.
 
-    log drag += ln(factor) times an edge that rises over ``width`` s, centred on ``time``.
+    log drag += ln(1 + (factor - 1) e), e an edge that rises over ``width`` s, centred on ``time``.
     """
 
     width: float = SLOW_WIDTH
@@ -41,7 +41,7 @@ class DragJump:
     )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"log_drag": risen(s.time, p.time, self.width) * log(p.factor)}
+        return {"log_drag": log(1.0 + risen(s.time, p.time, self.width) * (p.factor - 1.0))}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()

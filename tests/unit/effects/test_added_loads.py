@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -183,7 +184,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
     assert set(found) == {*(f"guard:{name}" for name in products), "guard:lagged-loads"}
     for name, product in products.items():
 
-        def extra(t: float, a: float, q: float, u: float, z: np.ndarray, product=product) -> tuple[float, float, tuple[()]]:  # type: ignore[no-untyped-def]
+        def extra(t: float, a: float, q: float, u: float, z: np.ndarray, product: Any = product) -> tuple[float, float, tuple[()]]:
             return 2.0 * product(a, q, u), -3.0 * product(a, q, u), ()
 
         expected, _ = fly_rigid(RIGID.time, RIGID.u[0], extra)

@@ -1,0 +1,144 @@
+"""Laws of what every effect tells a search. A new effect is covered as soon as its file is there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.effect import Effect, NoiseEffect, Regularity, full_name
+from sim.effects.library import effects_for, guards_for, library
+from sim.system import compile_model
+from sim.tracing import Fitted, Occasion, Refinable, Traceable, fitted_to
+from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.loes import Loes
+from sim.vehicles.short_period import ShortPeriod
+from tests.bases import base_for, fly
+
+VEHICLES = (ShortPeriod(), Loes(), Ballistic())
+OCCASIONS = {
+    "usual": Occasion(
+        0.0,
+        20.0,
+        0.02,
+        input_peak={"elevator": 0.08, "stick": 1.2},
+        input_rate={"elevator": 4.0, "stick": 60.0},
+        state_peak={"alpha": 0.1, "q": 0.2, "nz": 1.1, "altitude": 6e4},
+        flown={"alpha": (-0.04, 0.1), "velocity": (-1800.0, -300.0)},
+        residual_peaks=(14.0, 3.1),
+        airspeed=150.0,
+    ),
+    "slow and late": Occasion(100.0, 106.0, 0.1, input_peak={"elevator": 0.01, "stick": 0.1}, airspeed=80.0),
+    "nothing known": Occasion(0.0, 5.0, 0.01),
+}
+# A tracked fall alone cannot show these: they equal another start or another ballistic coefficient.
+INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude", "sensor-scale:altitude"}
+every_occasion = pytest.mark.parametrize("occasion", OCCASIONS.values(), ids=OCCASIONS)
+CASES = [
+    pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}")
+    for vehicle in VEHICLES
+    for effect in (*effects_for(vehicle), *guards_for(vehicle))
+    if isinstance(effect, Traceable)
+]
+every_case = pytest.mark.parametrize(("effect", "base"), CASES)
+
+
+def forms(effect: Effect, occasion: Occasion) -> list[Effect]:
+    """The form for an occasion, and the finer one where there is one."""
+    form = fitted_to(effect, occasion)
+    return [form, form.finer()] if isinstance(form, Refinable) else [form]
+
+
+def test_all_effects_but_the_modes_that_a_vehicle_declares_can_be_proposed() -> None:
+    assert {effect.name for effect in library() if not isinstance(effect, Traceable)} == {"elastic-mode:1"}
+
+
+@every_case
+@every_occasion
+def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, occasion: Occasion) -> None:
+    for form in forms(effect, occasion):
+        assert isinstance(form, Traceable)
+        assert form.name == effect.name and isinstance(form, Fitted) == isinstance(effect, Fitted)
+        items = {item.name: item for item in form.parameters}
+        assert set(form.plausible) <= set(items)
+        for name, (low, high) in form.plausible.items():
+            assert low < high and items[name].bounds[0] <= low and high <= items[name].bounds[1]
+        assert not form.onset or form.onset in items
+        if form.regularity in (Regularity.CHANGE_POINT, Regularity.OUTLIER):
+            assert form.per_record
+        probes = form.probes(occasion)
+        if occasion is OCCASIONS["usual"] and form.regularity is not Regularity.OUTLIER:
+            assert bool(probes) == (form.name not in INVISIBLE)
+        for probe in probes:
+            assert set(probe.values) == set(items) and set(probe.slopes) <= {name for name, item in items.items() if item.free}
+            for name, value in probe.values.items():
+                assert items[name].bounds[0] <= value <= items[name].bounds[1]
+            differs = any(probe.values[name] != value for name, value in form.absent.items())
+            assert differs or probe.slopes, "a whole change from absence to absence is none"
+            assert not probe.shifts or form.onset
+            if form.onset:
+                assert occasion.begin <= probe.values[form.onset] < occasion.end
+
+
+@every_case
+def test_each_signature_is_there(effect: Effect, base: str) -> None:
+    if isinstance(effect, NoiseEffect) or effect.regularity is Regularity.OUTLIER:
+        return
+    model, flight = base_for(base)
+    span = float(flight.time[-1] - flight.time[0])
+    peaks = {signal.name: float(np.max(np.abs(row))) for signal, row in zip(model.equations.inputs, flight.u, strict=True)}
+    rates = {name: 2.0 * peak / 0.02 for name, peak in peaks.items()}
+    flown = {"alpha": (-0.1, 0.15), "velocity": (-1900.0, -900.0)} if base != "loes" else {"alpha": (-0.03, 0.03)}
+    occasion = Occasion(0.0, span, span / (flight.time.size - 1), input_peak=peaks, input_rate=rates, flown=flown, airspeed=200.0)
+    form = fitted_to(effect, occasion)
+    assert isinstance(form, Traceable)
+    system = compile_model(model.with_effects(form))
+    start = system.parameters.values()
+    names = {item.name: system.parameters.index(full_name(form, item.name)) for item in form.parameters}
+    gone = start.copy()
+    for name, value in form.absent.items():
+        gone[names[name]] = value
+    base_outputs = fly(system, flight, gone.tolist())
+    largest: dict[str, float] = {}
+    probes = form.probes(occasion)
+    for probe in probes[:: max(1, len(probes) // 4)]:
+        p = start.copy()
+        for name, value in probe.values.items():
+            p[names[name]] = value
+        here = fly(system, flight, p.tolist())
+        if not probe.slopes:
+            assert max(np.max(np.abs(a - b)) for a, b in zip(here, base_outputs, strict=True)) > 0
+        for slope in probe.slopes:
+            moved = p.copy()
+            moved[names[slope]] += 1e-6 * max(1.0, abs(p[names[slope]]))
+            change = max(float(np.max(np.abs(a - b))) for a, b in zip(fly(system, flight, moved.tolist()), here, strict=True))
+            largest[slope] = max(largest.get(slope, 0.0), change)
+    assert all(change > 0.0 for change in largest.values()), largest
+
+
+@every_case
+def test_the_finer_form_with_no_more_is_the_usual_one(effect: Effect, base: str) -> None:
+    if not isinstance(effect, Refinable):
+        return
+    model, flight = base_for(base)
+    finer = effect.finer()
+    usual = [item.name for item in effect.parameters]
+    assert set(usual) < {item.name for item in finer.parameters}
+    given = {item.name: item.value for item in effect.parameters}
+    more = {item.name: 0.0 for item in finer.parameters if item.name not in given}
+    assert all(finer.absent.get(name, 0.0) == 0.0 for name in more)
+    expected = fly(compile_model(model.with_effects(effect)), flight)
+    present = model.with_effects(finer).with_values({full_name(finer, name): value for name, value in {**given, **more}.items()})
+    for got, wanted in zip(fly(compile_model(present), flight), expected, strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-11 * np.max(np.abs(wanted)))
+
+
+def test_an_occasion_falls_back_on_peaks_and_spreads_its_onsets() -> None:
+    occasion = OCCASIONS["usual"]
+    assert occasion.flown_range("alpha") == (-0.04, 0.1)
+    assert occasion.flown_range("q") == (-0.2, 0.2) and occasion.flown_range("elevator") == (-0.08, 0.08)
+    assert occasion.flown_range("theta") is None
+    onsets = replace(occasion, begin=3.0).onsets()
+    assert len(onsets) == 36 and onsets[0] > 3.0 and onsets[-1] < 20.0
+    np.testing.assert_allclose(np.diff(onsets), 17.0 / 36)
