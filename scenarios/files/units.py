@@ -1,4 +1,4 @@
-"""From the unit that a user's file carries to ours. Products of SI units need no library; pint is imported only for the others."""
+"""From the unit that a user's file carries to ours. Products of SI units and degrees need no library; pint is imported only for the others."""
 
 from __future__ import annotations
 
@@ -39,20 +39,31 @@ QUANTITIES = {
     "kg/m3": ("a density", "kg/m3 or slug/ft3"),
     "kg m2": ("a moment of inertia", "kg m2 or slug ft2"),
 }
-_SI = {"1": (0, 0, 0, 0), "rad": (0, 0, 0, 1), "m": (1, 0, 0, 0), "s": (0, 1, 0, 0), "kg": (0, 0, 1, 0), "N": (1, -2, 1, 0), "Pa": (-1, -2, 1, 0)}
-_FACTOR = re.compile(r"([*/]?)(rad|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)")
+_SI = {
+    "1": (0, 0, 0, 0),
+    "rad": (0, 0, 0, 1),
+    "m": (1, 0, 0, 0),
+    "s": (0, 1, 0, 0),
+    "kg": (0, 0, 1, 0),
+    "N": (1, -2, 1, 0),
+    "deg": (0, 0, 0, 1),
+    "Pa": (-1, -2, 1, 0),
+}
+_DEGREE = math.pi / 180.0
+_FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)")
 _GRAVITIES = ("g", "G", "gs", "g0", "g_0", "gee")
 _ALIASES = {"°": "deg", "lbm": "lb", "psf": "lbf/ft**2", "NM": "nautical_mile"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "grade", "revolutions_per_minute", "revolutions_per_second")
 
 
 class _Size(NamedTuple):
-    """Exponents of metre, second, kilogram and radian."""
+    """Exponents of metre, second, kilogram and radian, and how many of the last are degrees."""
 
     m: int
     s: int
     kg: int
     rad: int
+    deg: int
 
 
 def to_si(value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError) -> Number:
@@ -103,8 +114,8 @@ def _converted(value: Number, unit: str, text: str, target: str, shown: str, whe
     size, due = _si_size(text), _si_size(normal_form(target))
     assert due is not None, target
     if size is not None:
-        if size[:3] == due[:3] and (size.rad == due.rad or 0 in (size.rad, due.rad)):
-            return value
+        if size[:3] == due[:3] and (size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg)):
+            return value * _DEGREE**size.deg if size.deg else value
         raise wrong
     if re.search(r"hz|hertz", text, re.IGNORECASE):
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
@@ -124,15 +135,17 @@ def _converted(value: Number, unit: str, text: str, target: str, shown: str, whe
 
 
 def _si_size(text: str) -> _Size | None:
-    """Exponents of a product of SI units, None if anything else stands in it."""
-    total, at = np.zeros(4, dtype=int), 0
+    """Exponents of a product of SI units and degrees, None if anything else stands in it."""
+    total, degrees, at = np.zeros(4, dtype=int), 0, 0
     while at < len(text):
         found = _FACTOR.match(text, at)
         if found is None or (at == 0) != (found[1] == ""):
             return None
-        total += np.array(_SI[found[2]]) * int(found[3] or 1) * (-1 if found[1] == "/" else 1)
+        power = int(found[3] or 1) * (-1 if found[1] == "/" else 1)
+        total += np.array(_SI[found[2]]) * power
+        degrees += power if found[2] == "deg" else 0
         at = found.end()
-    return _Size(*(int(power) for power in total)) if text else None
+    return _Size(*(int(power) for power in total), degrees) if text else None
 
 
 def _pounds(text: str, target: str) -> str:

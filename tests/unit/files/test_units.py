@@ -111,18 +111,18 @@ def test_an_unknown_unit_is_refused(unit: str) -> None:
     assert "\n" not in str(caught.value) and "plane.toml, key chord" in str(caught.value) and caught.value.remedy
 
 
-def test_si_files_need_no_unit_library(tmp_path: Path) -> None:
+def test_si_units_and_degrees_need_no_unit_library(tmp_path: Path) -> None:
     script = """
 import sys
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
-open("r.csv", "w").write("time [s],elevator_rad,alpha,q [rad/s],nz_g,ax [m/s2]\\n0,0,0,0,1,0\\n1,0,0,0,1,0\\n")
+open("r.csv", "w").write("time [s],elevator_rad,alpha_deg,q [deg/s],nz_g,ax [m/s2]\\n0,0,0,0,1,0\\n1,0,0,0,1,0\\n")
 open("v.toml", "w").write('airspeed = "100 m/s"\\ngravity = "1 g"\\n[derivatives]\\nL_alpha = -1\\nM_alpha = "-2 1/s2"\\nL_delta = 0\\n'
                           'M_delta = 1\\nL_q = 1\\nM_q = -1\\ninv_tau = 10\\ndelay = "0.1 s"\\n')
 read_record("r.csv", ["elevator"], ["alpha", "q", "nz"], optional=["ax"])
 read_vehicle("v.toml", "loes")
 print([name for name in ("pint", "pandas", "scipy") if name in sys.modules])
-open("r.csv", "w").write("time,alpha_deg\\n0,0\\n1,0\\n")
+open("r.csv", "w").write("time,alpha_mrad\\n0,0\\n1,0\\n")
 read_record("r.csv", [], ["alpha"])
 print("pint" in sys.modules)
 """
