@@ -111,7 +111,9 @@ def test_comparison_of_the_rigid_aircraft(rigid_folder: Path) -> None:
 def test_the_study_folder_holds_what_the_comparison_lists(rigid_folder: Path) -> None:
     listed = strict(rigid_folder / "comparison.json")["files"]
     assert sorted(entry.name for entry in rigid_folder.iterdir()) == sorted(listed)
-    assert {"record.csv", "record.json", "truth.json", "comparison.json", "history.csv", "fit.png", "innovations.png", "parameters.png"} <= set(listed)
+    assert {"record.csv", "record.json", "truth.json", "comparison.json", "history.csv", "fit.png", "innovations.png", "parameters.png"} <= set(
+        listed
+    )
     assert strict(rigid_folder / "record.json")["hold"] == "previous"
     assert strict(rigid_folder / "truth.json")["parameters"]["Cm_de"]["value"] == -2.578
     assert [entry.name for entry in rigid_folder.parent.iterdir()] == ["rigid"]

@@ -1,0 +1,72 @@
+"""The command starts fast because it imports late; told in whole processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ("numpy", "scipy", "control", "filterpy", "matplotlib", "pandas", "pint", "rich")  # typer itself may bring pydantic
+
+
+def process(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, "-c", code, *arguments], env=environment, capture_output=True, text=True, timeout=60)
+
+
+def imported_by(*arguments: str) -> set[str]:
+    """Which of the heavy packages a call of the command has imported when it ends."""
+    code = f"""
+import sys
+from scenarios.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit as end:
+    assert end.code == 0, end.code
+print("imported:", *(name for name in {HEAVY!r} if name in sys.modules))
+"""
+    done = process(code, *arguments)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split()[1:])
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("run", "--help"), ("list",), ("list", "rigid")])
+def test_help_and_list_import_nothing_heavy(arguments: tuple[str, ...]) -> None:
+    assert imported_by(*arguments) == set()
+
+
+def test_help_starts_fast() -> None:
+    code = "import sys; from scenarios.cli import main; main(['--help'])"
+    bare, helped = [], []
+    for _ in range(3):  # the fastest of three, as a multiple of an empty interpreter's start: other work on the machine slows both
+        for times, text in ((bare, "pass"), (helped, code)):
+            begun = time.perf_counter()
+            assert process(text).returncode == 0
+            times.append(time.perf_counter() - begun)
+    assert min(helped) < 0.3 or min(helped) < 15 * min(bare)
+
+
+def test_a_run_imports_neither_control_nor_pandas(tmp_path: Path) -> None:
+    assert imported_by("run", "rigid", "--no-figures", "--out", str(tmp_path / "out")).isdisjoint({"control", "pandas", "matplotlib", "pint"})
+
+
+def test_python_m_scenarios_is_the_command(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    call = [sys.executable, "-m", "scenarios", "run", "rigit"]
+    done = subprocess.run(call, env=environment, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "flightid: there is no scenario 'rigit'; did you mean 'rigid'?\n"
+
+
+def test_a_closed_pipe_is_no_traceback() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    call = [sys.executable, "-m", "scenarios", "vehicles", "bomber_ac1"]
+    with subprocess.Popen(call, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None and running.stderr is not None
+        running.stdout.close()
+        assert "Traceback" not in running.stderr.read()
