@@ -173,9 +173,13 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     full = np.broadcast_to(trailing(rows, len(shape)), (len(rows), *shape))
     given = [np.broadcast_to(value, shape) for value in values]
     out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
+    one_row = rows.size == len(rows)
+    known: dict[tuple[Any, ...], np.ndarray] = {}  # runs alike are computed once: most are in a batch of differences
     for index in np.ndindex(shape):
-        column = (slice(None), *index)
-        out[column] = function(np.ascontiguousarray(full[column]), *(value[index].item() for value in given))
+        scalars, column = tuple(value[index].item() for value in given), (slice(None), *index)
+        if scalars not in known or not one_row:
+            known[scalars] = function(np.ascontiguousarray(full[column]), *scalars)
+        out[column] = known[scalars]
     return out
 
 

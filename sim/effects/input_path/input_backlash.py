@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.effect import Effect, Regularity, Station
-from sim.maths import each_column
+from sim.maths import each_column, maximum, minimum
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe, shares_of_peak
 
@@ -59,25 +59,24 @@ class InputBacklash:
         return [Probe({"half_width": size}) for size in shares_of_peak(occasion, self.signal, (0.04, 0.12, 0.3, 0.6))]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Exact for an input that is constant within cells; the loop runs over the changes of the input only."""
+        """Exact for an input that is constant within cells; the loop runs over the turns of the input only."""
         return each_column(_played, u, p.half_width)
 
 
 def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """One run: real numbers decide which input value holds the far end and from which side; the value keeps its derivative."""
-    starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
-    width = half_width.real
-    y, holder, side = float(u[0].real), 0, 0.0
-    holders, sides = [], []
-    for k, value in enumerate(u[starts].real.tolist()):
-        if value - y > width:
-            y, holder, side = value - width, k, -1.0
-        elif y - value > width:
-            y, holder, side = value + width, k, 1.0
-        holders.append(holder)
-        sides.append(side)
-    held = u[starts[holders]] + np.array(sides) * half_width
-    return np.repeat(held, np.diff(starts, append=len(u)))
+    """One run. While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width), y0 that at the last turn."""
+    change = np.sign(np.diff(u.real))
+    moves = np.flatnonzero(change)
+    turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]  # the last cell before each turn's first move
+    last = np.append(turns, len(u) - 1)
+    rising = bool(len(moves) == 0 or change[moves[0]] > 0)
+    y, held = u[0].item(), []
+    for k, value in enumerate(u[last].tolist()):
+        held.append(y)
+        y = maximum(y, value - half_width) if rising == (k % 2 == 0) else minimum(y, value + half_width)
+    count = np.diff(last, prepend=-1)
+    from_last, up = np.repeat(np.array(held), count), np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
+    return np.where(up, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
 
 
 VARIANTS: tuple[Effect, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))

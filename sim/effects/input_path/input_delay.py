@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.effect import Effect, Regularity, Station
-from sim.maths import trailing
+from sim.maths import each_column
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe, late_times
 
@@ -59,20 +59,21 @@ class InputDelay:
         cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge the
         derivative is the one towards longer delays, as the bound at zero asks.
         """
-        u, delay = np.asarray(u), np.asarray(p.delay)
-        depth = max(delay.ndim, u.ndim - 1)
-        u, edges = trailing(u, depth), trailing(np.asarray(edges, dtype=float), depth)
-        width, last = edges[1:] - edges[:-1], len(u) - 1
-        area = np.concatenate([np.zeros_like(u[:1]), np.cumsum(u * width, axis=0)])
-        begin = edges[:-1] - delay
-        cell = np.searchsorted(edges.ravel(), (edges - delay).real, side="left") - 1
-        j, k = np.clip(cell[:-1], -1, last), np.clip(cell[1:], -1, last)
-        first, final = np.maximum(j, 0), np.maximum(k, 0)
-        at_first, at_final = np.take_along_axis(u, first, 0), np.take_along_axis(u, final, 0)
-        between = np.take_along_axis(area, final, 0) - np.take_along_axis(area, j + 1, 0)
-        flat = edges.ravel()
-        excess = between - at_final * (flat[final] - flat[j + 1]) + (at_first - at_final) * (flat[j + 1] - begin)
-        return at_final + np.where(k > j, excess, 0.0) / width
+        edges = np.asarray(edges, dtype=float)
+        return each_column(lambda row, delay: _shifted(edges, row, delay), u, p.delay)
+
+
+def _shifted(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
+    width, last = np.diff(edges), len(u) - 1
+    area = np.concatenate([np.zeros(1), np.cumsum(u * width)])
+    cell = np.searchsorted(edges, edges - delay.real, side="left") - 1
+    j, k = np.clip(cell[:-1], -1, last), np.clip(cell[1:], -1, last)
+    first, final = u[np.maximum(j, 0)], np.maximum(k, 0)
+    at_final = u[final]
+    next_edge = edges[j + 1]
+    between = area[final] - area[j + 1] - at_final * (edges[final] - next_edge)
+    excess = between + (first - at_final) * (next_edge - (edges[:-1] - delay))
+    return at_final + np.where(k > j, excess, 0.0) / width
 
 
 VARIANTS: tuple[Effect, ...] = (InputDelay("elevator"),)
