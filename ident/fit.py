@@ -1,7 +1,8 @@
 """Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit.
 
-The cost is -log likelihood with each output's noise variance concentrated out, 0.5 sum_i N_i ln(sigma_i^2), plus
-the prior's. A step is accepted on the defect-corrected residual, see `ident.whole_record`.
+The cost is minus the log likelihood that the layout's weighing gives (each output's noise variance concentrated out,
+0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is accepted on the defect-corrected
+residual, see `ident.whole_record`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from ident.estimate import Outcome
 from ident.fit_layout import ROUNDING, FitLayout
 from ident.information import conditional_scale
 from ident.keeping import LARGEST
+from ident.weighing import Weighed
 from ident.whole_record import Linearisation, linearise
 
 
@@ -24,20 +26,38 @@ class Fit:
     Attributes
     ----------
     theta : ``(n,)`` unknowns in the order of the layout.
-    lines : outputs and sensitivities of each record. residuals : ``(m, N)`` each, zero where a sample is missing.
-    variance : ``(m,)`` of each output's residual. counts : ``(m,)`` samples. cost : see above.
+    lines : outputs and sensitivities of each record. weighed : residuals and sensitivities as those of independent samples.
+    counts : ``(m,)`` samples. cost : see above.
     """
 
     layout: FitLayout
     theta: np.ndarray
     guesses: tuple[np.ndarray, ...]
     lines: tuple[Linearisation, ...]
-    residuals: tuple[np.ndarray, ...]
-    variance: np.ndarray
+    weighed: Weighed
     counts: np.ndarray
     cost: float
     outcome: Outcome = Outcome.MAX_ITERATIONS
     iterations: int = 0
+
+    @property
+    def residuals(self) -> tuple[np.ndarray, ...]:
+        """Independent residuals ``(m, N)`` a record, zero where a sample is missing: measured minus fitted, or whitened."""
+        return self.weighed.residuals
+
+    @property
+    def jacobians(self) -> tuple[np.ndarray, ...]:
+        """Sensitivities ``(m, N, c)`` of each record that go with ``residuals``."""
+        return self.weighed.jacobians
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Variance of ``residuals``, ``(m,)``: of each output's noise, or ones where they are whitened."""
+        return self.weighed.variance
+
+    def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
+        """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent samples of variance one."""
+        return self.layout.weighing.whiten(self.layout, self.weighed, r, columns)
 
     @property
     def log_likelihood(self) -> float:
@@ -52,10 +72,14 @@ class Fit:
         if prior is not None:
             normal[np.ix_(prior.positions, prior.positions)] += prior.information
             gradient[prior.positions] += prior.information @ (prior.mean - self.theta[prior.positions])
-        for r, (problem, line, residual) in enumerate(zip(self.layout.problems, self.lines, self.residuals, strict=True)):
+        further = self.layout.weighing.further(self.layout, self.theta, self.lines, self.weighed)
+        if further is not None:
+            gradient += further[0]
+            normal += further[1]
+        for r, (problem, residual) in enumerate(zip(self.layout.problems, self.residuals, strict=True)):
             at = self.layout.columns(r)
             weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0).ravel()
-            J = line.jacobian.reshape(-1, len(at))
+            J = self.jacobians[r].reshape(-1, len(at))
             normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
             gradient[at] += J.T @ (weight * residual.ravel())
         return normal, gradient
@@ -77,9 +101,9 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    normal, gradient = fit.normal_equations()
     while done < settings.iterations:
         done += 1
-        normal, gradient = fit.normal_equations()
         scale = conditional_scale(normal, fit.theta)
         pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
         moving = (np.diag(normal) > 0) & ~pressed
@@ -92,6 +116,7 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
             if np.all(settled):
                 outcome = Outcome.CONVERGED
                 break
+            normal, gradient = fit.normal_equations()
         else:
             damping *= 10.0
             if damping > 1e8:
@@ -112,14 +137,15 @@ def evaluate(layout: FitLayout, theta: np.ndarray, guesses: list[np.ndarray]) ->
                 return None
             lines.append(line)
             residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
-    counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
-    squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
-    variance = np.where(layout.used, np.maximum(squares / np.maximum(counts, 1), layout.smallest), 1.0)
-    cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance), 0.0)))
+        counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
+        weighed = layout.weighing.weigh(layout, theta, lines, residuals, counts)
+    if weighed is None:
+        return None
+    cost = weighed.cost
     if layout.prior is not None:
         away = theta[layout.prior.positions] - layout.prior.mean
         cost += 0.5 * float(away @ layout.prior.information @ away)
-    return Fit(layout, theta, tuple(guesses), tuple(lines), tuple(residuals), variance, counts, cost)
+    return Fit(layout, theta, tuple(guesses), tuple(lines), weighed, counts, cost)
 
 
 def joined_up(fit: Fit) -> Fit:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.weighing import WHITE, Weighing
 from ident.whole_record import RecordProblem, guess_states, record_problem
 from sim.errors import ModelError
 from sim.parameters import Parameter
@@ -58,6 +59,7 @@ class FitLayout:
     start, low, high : of all unknowns, ``(n,)``. order : positions of shared and local among the System's parameters.
     prior : None where no unknown has one. used : ``(m,)`` outputs with at least one sample.
     smallest : ``(m,)`` variance below which an output is exact to rounding.
+    weighing : the model of what is random in the data; its own unknowns stand behind all others.
     """
 
     system: System
@@ -73,6 +75,7 @@ class FitLayout:
     prior: Prior | None
     used: np.ndarray
     smallest: np.ndarray
+    weighing: Weighing = WHITE
 
     @property
     def own(self) -> int:
@@ -84,7 +87,8 @@ class FitLayout:
         """Names of all unknowns; those of one record carry its number from 1 where there are several records."""
         mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
         many = len(self.problems) > 1
-        return (*self.shared, *(f"{name}, record {r + 1}" if many else name for r in range(len(self.problems)) for name in mine))
+        each = (f"{name}, record {r + 1}" if many else name for r in range(len(self.problems)) for name in mine)
+        return (*self.shared, *each, *self.weighing.names)
 
     def columns(self, r: int) -> np.ndarray:
         """Positions in theta of the unknowns that record ``r`` sees."""
@@ -111,6 +115,7 @@ def lay_out(
     local: Collection[str] = (),
     masks: Sequence[np.ndarray] | None = None,
     start: np.ndarray | None = None,
+    weighing: Weighing | None = None,
 ) -> FitLayout:
     """Lay out a fit of one or several records.
 
@@ -118,7 +123,8 @@ def lay_out(
     ----------
     local : further parameters, besides ``bias_*``, of which each record has its own.
     masks : ``(m, N)`` a record, False where a sample is set aside; None uses all that are valid.
-    start : ``(n,)`` all unknowns; from the System and the first samples when None.
+    start : ``(n,)`` all unknowns; from the System and the first samples when None. Those of the weighing may be left out.
+    weighing : white noise with concentrated variances when None.
 
     Raises
     ------
@@ -143,11 +149,13 @@ def lay_out(
     mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
     items = [parameters[name] for name in shared] + mine * len(records)
     low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
-    first = np.array([item.value for item in items], dtype=float)
+    weighing = weighing or WHITE
+    low, high = np.concatenate([low, weighing.low]), np.concatenate([high, weighing.high])
+    first = np.array([*(item.value for item in items), *weighing.start], dtype=float)
     if start is None and not settings.use_priors:
         _seed_initial_states(first, records, system, starts, len(shared), len(own))
     if start is not None:
-        first = np.array(start, dtype=float)
+        first = np.concatenate([start, first[len(start) :]])
     first = np.clip(first, low, high)
     size = np.array([max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems) for i in range(len(system.outputs))])
     return FitLayout(
@@ -164,6 +172,21 @@ def lay_out(
         _declared_prior(items) if settings.use_priors else None,
         np.array([any(np.any(problem.valid[i]) for problem in problems) for i in range(len(system.outputs))]),
         np.maximum(ROUNDING * size, 1e-30) ** 2,
+        weighing,
+    )
+
+
+def reweighed(layout: FitLayout, weighing: Weighing, start: np.ndarray | None = None, settings: FitSettings | None = None) -> FitLayout:
+    """The same unknowns and data under another model of what is random; ``start`` of all unknowns but the weighing's own."""
+    n = len(layout.start) - len(layout.weighing.names)
+    first = layout.start[:n] if start is None else start
+    return replace(
+        layout,
+        settings=settings or layout.settings,
+        start=np.concatenate([first, weighing.start]),
+        low=np.concatenate([layout.low[:n], weighing.low]),
+        high=np.concatenate([layout.high[:n], weighing.high]),
+        weighing=weighing,
     )
 
 

@@ -20,6 +20,7 @@ from sim.errors import ModelError
 from sim.record import Record
 from sim.system import System
 
+METHOD = "output-error"
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -45,7 +46,7 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_whole_records(layout)
-    return _failed(layout) if fit is None else estimate_of(fit)
+    return failed_estimate(layout) if fit is None else estimate_of(fit)
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -55,7 +56,7 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     if not fit.layout.settings.coloured:
         return inverse, determined
     layout = fit.layout
-    parts = [(layout.columns(r), line.jacobian, fit.residuals[r], layout.problems[r].valid) for r, line in enumerate(fit.lines)]
+    parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
     return corrected_covariance(inverse, parts, fit.variance), determined
 
 
@@ -64,7 +65,7 @@ def estimate_of(fit: Fit) -> Estimate:
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = fit_covariance(fit)
     return Estimate(
-        "output-error",
+        METHOD,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
         fit.theta[:n].copy(),
@@ -78,10 +79,11 @@ def estimate_of(fit: Fit) -> Estimate:
     )
 
 
-def _failed(layout: FitLayout) -> Estimate:
+def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
+    """The start of a layout with sigmas as large as itself, for a fit that found no finite cost."""
     theta = layout.start[: len(layout.shared)]
     return Estimate(
-        "output-error",
+        method,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
         theta.copy(),

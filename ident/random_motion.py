@@ -18,6 +18,8 @@ from sim.maths import COMPLEX_STEP
 from sim.system import System
 
 _SLOPE = 1e-5  # of a parameter's size, for central differences
+_TERMS = 14  # of a Taylor series, to rounding
+_FEW_TERMS = 6  # for slopes that differ from step to step: good to a millionth
 _KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to rounding
 
 
@@ -51,46 +53,43 @@ class Variation:
     scale: float
 
 
-def random_motion(
-    problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]] = ()
-) -> tuple[RandomMotion, MotionSlopes]:
-    """Random motion about ``states (nx, K + 1)``, and its derivatives.
+def random_motion(problem: RecordProblem, states: np.ndarray, at: Variation) -> RandomMotion:
+    """Random motion about ``states (nx, K + 1)``; without any state where nothing is forced."""
+    Phi, Q, H, start = _motions(problem, states, [at])
+    return RandomMotion(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
 
-    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``. The
-    derivatives are those at the given trajectory; that the trajectory moves too is left out.
+
+def motion_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> MotionSlopes:
+    """Derivatives of the random motion at the given trajectory; that the trajectory moves too is left out.
+
+    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
     """
-    system, m = problem.system, len(problem.system.outputs)
-    variations = [at, *(end for low, high, _ in moved for end in (low, high))]
+    Phi, Q, H, start = _motions(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
+    parts = (Phi, Q, H, start[None])
+    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
+    low, high = [1 + 2 * i for i in of], [2 + 2 * i for i in of]
+    width = np.array([moved[i][2] for i in of])[:, None, None]
+    by_Phi, by_Q, by_H, by_start = ((part[:, high] - part[:, low]) / width for part in parts)
+    return MotionSlopes(of, RandomMotion(by_Phi, by_Q, by_H, by_start[0]))
+
+
+def _motions(problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Phi, Q, H ``(K, V, ...)`` and start ``(V, n, n)`` of V variations, of the states that the first one's forcing reaches."""
+    system, nodes = problem.system, problem.grid.nodes
+    V, m = len(variations), len(system.outputs)
     density = np.array([_density(system, variation) for variation in variations])
-    nodes = problem.grid.nodes
-    if not np.any(density):
-        return _motionless(m), MotionSlopes((), _motionless(m))
-    t, X, U = _middles(problem, states)
-    F = _jacobian(system, system.f, t, X, U, [at])[:, 0]
-    H = _jacobian(system, system.h, nodes, states, _inputs(problem, nodes), [at])[:, 0]
-    still_F, still_H = _constant(F), _constant(H)
-    few = slice(0, 1)
-    F_all = _jacobian(system, system.f, t[few], X[:, few], U[:, few], variations) if still_F else _jacobian(system, system.f, t, X, U, variations)
-    at_H = few if still_H else slice(None)
-    H_all = _jacobian(system, system.h, nodes[at_H], states[:, at_H], _inputs(problem, nodes)[:, at_H], variations)
-    kept = _reached(np.any(F_all != 0, axis=(0, 1)), np.any(density > 0, axis=0))
-    F_all, H_all, density = F_all[..., kept[:, None], kept], H_all[..., kept], density[:, kept]
-    Phi, Q = _over_steps(F_all, density, np.diff(nodes))
+    if not np.any(density[0] > 0):
+        return np.zeros((1, V, 0, 0)), np.zeros((1, V, 0, 0)), np.zeros((1, V, m, 0)), np.zeros((V, 0, 0))
+    middles = _middles(problem, states)
+    at_nodes = (nodes, states, _inputs(problem, nodes))
+    F = _jacobians(system, system.f, middles, variations)
+    H = _jacobians(system, system.h, at_nodes, variations)
+    kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
+    F, H, density = F[..., kept[:, None], kept], H[..., kept], density[:, kept]
+    Phi, Q = _over_steps(F, density, np.diff(nodes))
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
-    starts = np.array([_stationary_spread(F_all[0, v], density[v], stationary) for v in range(len(variations))])
-    base = RandomMotion(Phi[:, 0], Q[:, 0], H_all[:, 0], starts[0])
-    width = np.array([distance for _, _, distance in moved])
-
-    def slope(values: np.ndarray, axis: int) -> np.ndarray:
-        low, high = np.take(values, range(1, 2 * len(moved), 2), axis), np.take(values, range(2, 2 * len(moved) + 1, 2), axis)
-        shape = [1] * values.ndim
-        shape[axis] = len(moved)
-        return (high - low) / width.reshape(shape)
-
-    slopes = [slope(Phi, 1), slope(Q, 1), slope(H_all, 1), slope(starts, 0)]
-    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, i]) for part in slopes[:3]) or np.any(slopes[3][i]))
-    index = list(of)
-    return base, MotionSlopes(of, RandomMotion(slopes[0][:, index], slopes[1][:, index], slopes[2][:, index], slopes[3][index]))
+    start = _stationary_spread(F[0], density, np.flatnonzero(stationary))
+    return Phi, Q, H, start
 
 
 def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
@@ -107,10 +106,6 @@ def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float],
         step = _SLOPE * max(at.scale, 1.0)
         pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
     return pairs
-
-
-def _motionless(m: int) -> RandomMotion:
-    return RandomMotion(np.zeros((1, 0, 0)), np.zeros((1, 0, 0)), np.zeros((1, m, 0)), np.zeros((0, 0)))
 
 
 def _density(system: System, variation: Variation) -> np.ndarray:
@@ -131,8 +126,17 @@ def _middles(problem: RecordProblem, states: np.ndarray) -> tuple[np.ndarray, np
     return times, 0.5 * (states[:, :-1] + states[:, 1:]), _inputs(problem, times)
 
 
-def _jacobian(system: System, function: Any, t: np.ndarray, X: np.ndarray, U: np.ndarray, variations: Sequence[Variation]) -> np.ndarray:
-    """Derivative of ``f`` or ``h`` by the states, ``(B, V, rows, nx)``, exact to rounding (complex step)."""
+def _jacobians(system: System, function: Any, where: tuple[np.ndarray, np.ndarray, np.ndarray], variations: Sequence[Variation]) -> np.ndarray:
+    """Derivative of ``f`` or ``h`` by the states, ``(B, V, rows, nx)``; B is 1 where it is the same all along."""
+    base = _jacobian(system, function, where, variations[:1])
+    if np.all(np.ptp(base, axis=0) <= 1e-13 * np.max(np.abs(base), axis=0)):
+        base, where = base[:1], (where[0][:1], where[1][:, :1], where[2][:, :1])
+    return base if len(variations) == 1 else _jacobian(system, function, where, variations)
+
+
+def _jacobian(system: System, function: Any, where: tuple[np.ndarray, np.ndarray, np.ndarray], variations: Sequence[Variation]) -> np.ndarray:
+    # Exact to rounding: complex steps, one column a state.
+    t, X, U = where
     n_x = len(X)
     x = [np.repeat(row[:, None, None].astype(complex), n_x, axis=2) for row in X]
     for i in range(n_x):
@@ -143,11 +147,6 @@ def _jacobian(system: System, function: Any, t: np.ndarray, X: np.ndarray, U: np
     rows = function(t[:, None, None], x, list(U[:, :, None, None]), p)
     shape = (len(t), len(variations), n_x)
     return np.stack([np.broadcast_to(np.imag(row), shape) for row in rows], axis=2) / COMPLEX_STEP
-
-
-def _constant(matrices: np.ndarray) -> bool:
-    spread = np.ptp(matrices, axis=0)
-    return bool(np.all(spread <= 1e-13 * np.max(np.abs(matrices), axis=0)))
 
 
 def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
@@ -162,7 +161,7 @@ def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[
     """Phi and Q over each step, ``(K or 1, V, n, n)``, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
     low, high = float(steps.min()), float(steps.max())
     if len(F) > 1:
-        return discretised(F, density, steps[:, None])
+        return discretised(F, density, steps[:, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
     if high - low <= 1e-9 * high:
         return discretised(F, density, np.full((1, 1), steps.mean()))
     # One F and many steps: the result is a smooth function of the step.
@@ -181,7 +180,7 @@ def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.n
     return share / share.sum(axis=1, keepdims=True)
 
 
-def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
     """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
 
     Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
@@ -196,7 +195,7 @@ def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray) -> tuple[np.
     term = Phi
     Q = np.zeros_like(step)
     part = np.broadcast_to(density[..., None] * np.eye(n), step.shape) * h
-    for k in range(1, 18):
+    for k in range(1, terms + 1):
         Q = Q + part
         term = step @ term / k
         Phi = Phi + term
@@ -208,13 +207,15 @@ def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray) -> tuple[np.
     return Phi, 0.5 * (Q + np.swapaxes(Q, -1, -2))
 
 
-def _stationary_spread(F: np.ndarray, density: np.ndarray, stationary: np.ndarray) -> np.ndarray:
-    """Covariance at the start: of the stationary states that of F P + P F^T + diag(density) = 0; zero where they are not stable."""
-    n, at = len(F), np.flatnonzero(stationary)
-    start = np.zeros((n, n))
-    block = F[np.ix_(at, at)]
-    if at.size and np.all(np.linalg.eigvals(block).real < 0):
-        eye = np.eye(at.size)
-        solution = np.linalg.solve(np.kron(block, eye) + np.kron(eye, block), -np.diag(density[at]).ravel())
-        start[np.ix_(at, at)] = solution.reshape(at.size, at.size)
+def _stationary_spread(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T + diag(density) = 0, zero where they are not stable."""
+    start = np.zeros_like(F)
+    block, n = F[:, at[:, None], at], len(at)
+    if n == 0 or not np.all(np.linalg.eigvals(block).real < 0):
+        return start
+    eye = np.eye(n)
+    # Row-major: (F P + P F^T)[i, j] = sum of (F[i, k] I[j, l] + I[i, k] F[j, l]) P[k, l].
+    lyapunov = (block[:, :, None, :, None] * eye[:, None] + eye[:, None, :, None] * block[:, None, :, None, :]).reshape(-1, n * n, n * n)
+    force = (density[:, at, None] * eye).reshape(-1, n * n, 1)
+    start[:, at[:, None], at] = np.linalg.solve(lyapunov, -force).reshape(-1, n, n)
     return start

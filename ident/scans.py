@@ -68,10 +68,29 @@ def advanced(steps: Elements, P: np.ndarray) -> np.ndarray:
 
 
 def combine_affine(first: Elements, second: Elements) -> Elements:
-    """Of X -> T X T^T + D: ``T (K, 1, n, n)``, ``D (K, d, n, n)``."""
+    """Of X -> T X T^T + D for D quantities at once: ``T (K, n, n)``, ``D (K, n, D, n)``."""
     T, D = first
     U, E = second
-    return U @ T, U @ D @ _t(U) + E
+    return U @ T, from_right(from_left(U, D), _t(U)) + E
+
+
+def from_left(matrix: np.ndarray, stack: np.ndarray) -> np.ndarray:
+    """``matrix (T or 1, a, b)`` times each of D matrices, which lie side by side: ``(T or 1, b, D, c)`` to ``(T, a, D, c)``."""
+    wide = stack.reshape(*stack.shape[:2], stack.shape[2] * stack.shape[3])
+    out = matrix @ wide
+    return out.reshape(*out.shape[:2], *stack.shape[2:])
+
+
+def from_right(stack: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Each of D matrices times ``matrix (T or 1, b, c)``: ``(T or 1, a, D, b)`` to ``(T, a, D, c)``."""
+    tall = stack.reshape(stack.shape[0], stack.shape[1] * stack.shape[2], stack.shape[3])
+    out = tall @ matrix
+    return out.reshape(out.shape[0], *stack.shape[1:3], out.shape[2])
+
+
+def transposed(stack: np.ndarray) -> np.ndarray:
+    """The transpose of each of D matrices: ``(T, a, D, b)`` to ``(T, b, D, a)``."""
+    return stack.transpose(0, 3, 2, 1)
 
 
 def _inverse(M: np.ndarray) -> np.ndarray:
