@@ -6,15 +6,16 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from ident.residuals import ResidualTest
 from scenarios.run import MethodResult, Row, Study
 
 
 def console(width: int | None = None) -> Console:
-    """A console that never folds numbers: 120 columns where the output is not a terminal."""
-    plain = Console()
-    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False)
+    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
+    plain = Console(markup=False)
+    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
 
 
 def number(value: float, std: float | None = None) -> str:
@@ -31,7 +32,7 @@ def print_study(study: Study, out: Console | None = None) -> None:
     """The study's tables: the main method, then the others beside it."""
     out = out or console()
     scenario = study.scenario
-    out.print(f"[bold]{scenario.name}[/bold]: {scenario.title}", highlight=False)
+    out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
     for method in study.methods:
         out.print(_method_table(study, method))

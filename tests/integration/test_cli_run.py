@@ -159,6 +159,13 @@ def test_run_prints_true_estimate_and_published(flightid: CommandLine, rigid_fol
             assert text in line
 
 
+def test_brackets_in_texts_are_printed(flightid: CommandLine, tmp_path: Path) -> None:
+    """Scenarios mark with [own] what this project chose; a terminal library must not take it for its own mark-up."""
+    scenario = small(tmp_path / "short.toml")
+    printed = flightid.done("run", scenario, "--set", "estimate.explanation=the unit is [own]", "--set", "title=[1] of [bold]2[/bold]")
+    assert "the unit is [own]" in printed and "[1] of [bold]2[/bold]" in printed
+
+
 def test_several_scenarios_get_a_folder_each(flightid: CommandLine, tmp_path: Path) -> None:
     first, second = small(tmp_path / "first.toml"), small(tmp_path / "second.toml", seed="2")
     flightid.done("run", first, second, "--no-figures", "--out", tmp_path / "out")
