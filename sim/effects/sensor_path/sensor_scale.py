@@ -26,8 +26,8 @@ class SensorScale:
     """The recorded channel is ``scale`` times the true one, before the bias is added.
 
     ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude it is offered for simulation but never
-    proposed by a search: with the density's scale height and beta scaled alike a fall obeys the same equation but for gravity,
-    which is known, so that all it could add is a wrong name for a warmer atmosphere.
+    proposed by a search: another start and beta make nearly the same fall (of three percent a seventh of
+    the noise is left), so that all it could add is a wrong name for a denser or warmer atmosphere.
     """
 
     channel: str

@@ -1,0 +1,82 @@
+"""Vane offset, scale and drift: what the sensors read, by hand, and that they stand in their order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_drift import SensorDrift
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_spikes import SensorSpikes
+from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.system import compile_model
+from sim.tracing import Occasion
+from tests.bases import LOES_CONSTANTS, ballistic_flight, ballistic_model, fly, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+
+DRIFT = SensorDrift("alpha", "rad", 5e-4)
+
+
+def test_the_vane_reads_less_while_the_nose_goes_up() -> None:
+    model, flight = rigid_model().with_effects(VaneOffset()).with_values({"vane-offset.arm": 12.0}), rigid_flight()
+    alpha, q, nz = fly_model(rigid_model(), flight)
+    read = fly_model(model, flight)
+    np.testing.assert_allclose(read[0], alpha - 12.0 / 200.6 * q, rtol=0.0, atol=1e-15)
+    np.testing.assert_array_equal(read[1], q)
+    np.testing.assert_array_equal(read[2], nz)
+
+
+def test_the_arm_adds_to_that_of_the_equations() -> None:
+    further = loes_model().with_effects(VaneOffset()).with_values({"vane-offset.arm": 4.0})
+    longer = loes_model().with_values({"vane_arm": LOES_CONSTANTS["vane_arm"] + 4.0})
+    for got, expected in zip(fly_model(further, loes_flight()), fly_model(longer, loes_flight()), strict=True):
+        np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-13)
+
+
+def test_scale_then_drift_then_bias_whatever_the_order_they_were_added_in() -> None:
+    flight = rigid_flight()
+    alpha, q, _ = fly_model(rigid_model(), flight)
+    expected = 1.1 * (alpha - 12.0 / 200.6 * q) + 0.002 * (flight.time - 1.5) + 0.03
+    values = {"vane-offset.arm": 12.0, "sensor-scale:alpha.scale": 1.1, "sensor-drift:alpha.slope": 0.002, "sensor-drift:alpha.begin": 1.5}
+    effects = (DRIFT, SensorScale("alpha"), VaneOffset())
+    for order in (effects, effects[::-1]):
+        model = rigid_model().with_biases(["alpha"]).with_effects(*order).with_values({**values, "bias_alpha": 0.03})
+        np.testing.assert_allclose(fly_model(model, flight)[0], expected, rtol=0.0, atol=1e-15)
+
+
+def test_sensors_with_memory_come_in_their_order_and_spikes_last() -> None:
+    effects = (SensorSpikes("q", "rad/s", 0.05), SensorLag("q"))
+    for order in (effects, effects[::-1]):
+        assert compile_model(rigid_model().with_effects(*order)).sensor_stages == ("sensor-lag:q", "sensor-spikes:q")
+
+
+@pytest.mark.parametrize(("effect", "size"), [(SensorLag("altitude"), 0.1), (SensorDelay("altitude"), 0.1), (SensorScale("altitude"), 1.03)])
+def test_an_altitude_that_is_late_or_scaled_is_not_searched_for(effect: SensorLag | SensorDelay | SensorScale, size: float) -> None:
+    from scipy.optimize import least_squares
+
+    assert effect.probes(Occasion(0.0, 20.0, 0.1)) == ()
+    assert replace(effect, channel="q").probes(Occasion(0.0, 20.0, 0.1))
+    # The reason: another start and another beta read the same within a fraction of the noise.
+    model, flight = ballistic_model(), ballistic_flight()
+    system, noise = compile_model(model), model.noise.measurement_std["altitude"]
+    read = fly_model(model.with_effects(effect).with_values({f"{effect.name}.{effect.parameters[0].name}": size}), flight)[0]
+    assert np.max(np.abs(read - fly_model(model, flight)[0])) > 10.0 * noise
+    p, beta = list(system.parameters.values()), system.parameters.index("beta")
+
+    def misfit(change: np.ndarray) -> np.ndarray:
+        p[beta] = 2441.2 * (1.0 + 0.01 * change[2])
+        return (fly(system, flight, p, x0=[60960.0 + 100.0 * change[0], -1828.8 + change[1]])[0] - read)[5:] / noise
+
+    assert np.sqrt(np.mean(least_squares(misfit, np.zeros(3)).fun ** 2)) < 0.15
+
+
+def test_a_drift_counts_from_the_record_it_is_searched_in() -> None:
+    (probe,) = DRIFT.probes(Occasion(100.0, 120.0, 0.02))
+    assert probe.values == {"slope": 0.0, "begin": 100.0} and probe.slopes == ("slope",)
+    s = SimpleNamespace(time=np.array([100.0, 101.0]))
+    read = DRIFT.read(s, {"alpha": np.zeros(2)}, None, SimpleNamespace(slope=0.3, begin=100.0))
+    assert read["alpha"] == pytest.approx([0.0, 0.3])
