@@ -1,0 +1,86 @@
+"""The bank of delays: equal to separate filterpy filters, weights without overflow, a refined delay that is the true one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ident.bank import run_bank
+from ident.delay_bank import DELAYS, likelihood_weights, run_delay_bank, vertex
+from ident.ekf import run_ekf
+from sim.errors import ModelError
+from tests import loes_problem as problem
+from tests.bases import LOES_VALUES
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_bank_is_nine_filterpy_filters(gaps: bool) -> None:
+    flown = problem.record(1, duration=2.4, gaps=gaps)
+    system = problem.system(flown)
+    bank = run_bank(flown, system, held={"delay": np.array(DELAYS)})
+    assert len(bank.names) == 14
+    for run, delay in enumerate(DELAYS):
+        alone = run_ekf(flown, replace(system, parameters=system.parameters.with_values({"delay": delay})))
+        assert alone.history is not None
+        scale = alone.history.std[:, -1]
+        np.testing.assert_allclose(bank.mean[:, run] / scale, alone.history.mean[:, -1] / scale, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(bank.std[:, run], scale, rtol=1e-9)
+        assert bank.log_likelihood[run] == pytest.approx(alone.log_likelihood, rel=1e-9)
+
+
+def test_refined_delay_and_parameters_are_the_true_ones() -> None:
+    flown = problem.record(2)
+    found = run_delay_bank(flown, problem.system(flown))
+    assert found.most_likely in (0.1, 0.125) and not found.at_edge
+    assert 0.0 < found.refined_std < 0.006
+    assert abs(found.refined - problem.TRUE_DELAY) < 4.0 * found.refined_std
+    estimate = found.estimate
+    assert estimate.names[-1] == "delay" and estimate.value("delay") == found.refined
+    for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
+        assert abs(estimate.value(name) - LOES_VALUES[name]) < 4.0 * estimate.sigma(name), name
+    assert np.linalg.eigvalsh(estimate.correlation).min() > 0
+    assert estimate.history is not None and estimate.history.mean.shape == (14, len(flown))
+    np.testing.assert_allclose(found.weights @ found.delays, found.weighted_mean)
+
+
+def test_a_delay_outside_the_grid_is_told() -> None:
+    flown = problem.record(3, duration=5.0)
+    found = run_delay_bank(flown, problem.system(flown), (0.0, 0.02, 0.04))
+    assert found.at_edge and found.most_likely == 0.04 and found.refined == pytest.approx(0.04) and found.refined_std == 0.0
+    assert "delay" not in found.estimate.names
+
+
+def test_wrong_grids_and_a_free_delay_are_refused() -> None:
+    flown = problem.record(4, duration=2.0)
+    system = problem.system(flown)
+    for grid in ((0.0, 0.1), (0.0, 0.1, 0.1)):
+        with pytest.raises(ModelError, match="three or more in order"):
+            run_delay_bank(flown, system, grid)
+    with pytest.raises(ModelError, match="M_q"):
+        run_delay_bank(flown, system, name="M_q")
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=9), st.floats(-1e8, 1e8))
+def test_weights_sum_to_one_and_do_not_depend_on_a_common_factor(values: list[float], shift: float) -> None:
+    log = np.array(values)
+    weights = likelihood_weights(log)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[np.argmax(log)] == weights.max()
+    np.testing.assert_allclose(likelihood_weights(log + shift), weights, atol=1e-6)
+
+
+def test_weights_of_broken_filters() -> None:
+    np.testing.assert_array_equal(likelihood_weights(np.array([-np.inf, 3.0])), [0.0, 1.0])
+    np.testing.assert_array_equal(likelihood_weights(np.full(4, -np.inf)), np.full(4, 0.25))
+
+
+@given(st.floats(0.5, 2.0), st.floats(-3.0, 3.0), st.floats(0.1, 9.0))
+def test_vertex_of_a_parabola(width: float, top: float, curvature: float) -> None:
+    x = np.array([-1.0, 0.2, 0.2 + width])
+    got = vertex(x, 5.0 - 0.5 * curvature * (x - top) ** 2)
+    assert got == pytest.approx((top, curvature), rel=1e-6, abs=1e-9)
+    assert vertex(x, x**2)[1] == 0.0
