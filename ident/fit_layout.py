@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.known_states import known_states
 from ident.weighing import WHITE, Weighing
 from ident.whole_record import RecordProblem, guess_states, record_problem
 from sim.errors import ModelError
@@ -200,8 +201,7 @@ def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
 
 def _seed_initial_states(theta: np.ndarray, records: Sequence[Record], system: System, starts: Sequence[int], shared: int, local: int) -> None:
     for r, record in enumerate(records):
+        known = known_states(record, system)
         for c, i in enumerate(starts):
-            name = system.state_names[i]
-            if name in record.output_names:
-                channel = record[name]
-                theta[shared + r * (local + len(starts)) + local + c] = channel.values[channel.valid][0]
+            if i in known:
+                theta[shared + r * (local + len(starts)) + local + c] = known[i][1][0]

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.known_states import known_states
 from sim.grid import Drive, Grid, drive_from_record, make_grid
 from sim.integrate import Step, rk4_step
 from sim.maths import COMPLEX_STEP
@@ -94,11 +95,7 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
     Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
     """
     system, grid, record = problem.system, problem.grid, problem.record
-    measured: dict[int, np.ndarray] = {}
-    for i, name in enumerate(system.state_names):
-        if name in record.output_names:
-            channel = record[name]
-            measured[i] = np.interp(grid.nodes, record.time[channel.valid], channel.values[channel.valid])
+    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system).items()}
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
     drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
