@@ -24,6 +24,7 @@ from sim.system import compile_model
 METHODS = ("ekf", "ukf", "output-error", "equation-error")
 FIT_STEP = 0.01
 PASSES = 5
+BEGINNING = 5  # samples whose median says where a sensor begins
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -103,27 +104,34 @@ def _refuse_beyond_measure(record: Record) -> None:
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
-    """Noise, initial state and bias priors for a filter, from the record alone."""
-    std, spread = {}, {}
+    """Noise, initial state and bias priors for a filter, from the record alone.
+
+    A sensor's zero is looked for about where its record begins, the perturbation from trim about zero: a record of total
+    angles must not start the state at the trim's.
+    """
+    std, spread, begins = {}, {}, {}
     for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
         channel = record[name]
         values = channel.values[channel.valid]
         spread[name] = max(float(np.std(values)), 1e-12)
         sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
         std[name] = float(fitted) if sound else 0.1 * spread[name]
+        begins[name] = float(np.median(values[:BEGINNING]))
     states = []
     for item in model.initial:
         value, prior = _first_state(item.name, record, outputs, std, spread)
         states.append(replace(item, value=value, prior_std=prior))
-    priors = {f"bias_{name}": 3.0 * spread[name] for name in model.biases}
-    return replace(model, initial=ParameterSet(tuple(states)), parameters=model.parameters.with_prior(priors), noise=Noise(std))
+    parameters = model.parameters.with_values({f"bias_{name}": begins[name] for name in model.biases})
+    parameters = parameters.with_prior({f"bias_{name}": 3.0 * spread[name] for name in model.biases})
+    return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
 
 
 def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:
     if name in outputs:
         channel = record[name]
-        first = float(channel.values[channel.valid][0])
-        return first, max(3.0 * std[name], 0.05 * spread[name]) if name != "altitude" else 3.0 * std[name]
+        if name != "altitude":
+            return 0.0, max(3.0 * std[name], spread[name])
+        return float(channel.values[channel.valid][0]), 3.0 * std[name]
     if name == "velocity" and "altitude" in outputs:
         channel = record["altitude"]
         t, h = record.time[channel.valid], channel.values[channel.valid]

@@ -162,6 +162,18 @@ def test_inputs_joined_by_lines_are_read_from_the_sidecar(flightid: CommandLine,
     assert json.loads((tmp_path / "linear" / "record.json").read_text())["hold"] == "linear"
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_the_zero_of_a_sensor_does_not_matter(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path, method: str) -> None:
+    """Total angles as well as perturbations: five degrees of trim are a bias, and no start of the state."""
+    frame = table(rigid_folder)[::5]
+    frame.to_csv(tmp_path / "zero.csv", index=False)
+    frame.assign(alpha=frame["alpha"] + np.radians(5.0)).to_csv(tmp_path / "trim.csv", index=False)
+    zero, trim = (identified(flightid, tmp_path / f"{name}.csv", vehicle, tmp_path / name, "--method", method) for name in ("zero", "trim"))
+    for name, (value, std) in found(trim).items():
+        assert abs(value - found(zero)[name][0]) < 0.02 * std
+        assert abs(value - TRUE[name]) < 4.0 * std
+
+
 def test_a_study_of_an_identified_record_is_identified_alike(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path) -> None:
     once = identified(flightid, rigid_folder / "record.csv", vehicle, tmp_path / "out", "--from", 1.0)
     again = identified(flightid, tmp_path / "out" / "record.csv", vehicle, tmp_path / "out")
