@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -16,17 +16,18 @@ from sim.tracing import Occasion, Probe
 class SensorDrift:
     """The recorded channel has slope (t - begin) added to it.
 
-    ``slope`` in the unit of the channel per second, either sign; ``begin`` in s, the record's first time, is held: where the
-    channel has a bias it only keeps the two apart. Each record has its own slope.
+    ``slope`` in the unit of the channel per second, either sign. Each record has its own.
 
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that.
+    begin : s, the record's first time. Where the channel has a bias it only keeps the two apart.
     """
 
     channel: str
     unit: str
     typical: float
+    begin: float = 0.0
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 20
@@ -49,17 +50,21 @@ class SensorDrift:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("slope", self.typical, f"{self.unit}/s"), Parameter("begin", 0.0, "s", free=False))
+        return (Parameter("slope", self.typical, f"{self.unit}/s"),)
 
     @property
     def plausible(self) -> Mapping[str, tuple[float, float]]:
         return {"slope": (-20.0 * self.typical, 20.0 * self.typical)}
 
     def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return [Probe({"slope": 0.0, "begin": occasion.begin}, ("slope",))]
+        return [Probe({"slope": 0.0}, ("slope",))]
+
+    def fitted_to(self, occasion: Occasion) -> SensorDrift:
+        """The drift that counts from this record's begin."""
+        return replace(self, begin=occasion.begin)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {self.channel: y[self.channel] + p.slope * (s.time - p.begin)}
+        return {self.channel: y[self.channel] + p.slope * (s.time - self.begin)}
 
 
 VARIANTS: tuple[Effect, ...] = (

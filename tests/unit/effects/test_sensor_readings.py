@@ -18,7 +18,7 @@ from sim.system import compile_model
 from sim.tracing import Occasion
 from tests.bases import LOES_CONSTANTS, ballistic_flight, ballistic_model, fly, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 
-DRIFT = SensorDrift("alpha", "rad", 5e-4)
+DRIFT = SensorDrift("alpha", "rad", 5e-4, begin=1.5)
 
 
 def test_the_vane_reads_less_while_the_nose_goes_up() -> None:
@@ -41,7 +41,7 @@ def test_scale_then_drift_then_bias_whatever_the_order_they_were_added_in() -> N
     flight = rigid_flight()
     alpha, q, _ = fly_model(rigid_model(), flight)
     expected = 1.1 * (alpha - 12.0 / 200.6 * q) + 0.002 * (flight.time - 1.5) + 0.03
-    values = {"vane-offset.arm": 12.0, "sensor-scale:alpha.scale": 1.1, "sensor-drift:alpha.slope": 0.002, "sensor-drift:alpha.begin": 1.5}
+    values = {"vane-offset.arm": 12.0, "sensor-scale:alpha.scale": 1.1, "sensor-drift:alpha.slope": 0.002}
     effects = (DRIFT, SensorScale("alpha"), VaneOffset())
     for order in (effects, effects[::-1]):
         model = rigid_model().with_biases(["alpha"]).with_effects(*order).with_values({**values, "bias_alpha": 0.03})
@@ -75,8 +75,8 @@ def test_an_altitude_that_is_late_or_scaled_is_not_searched_for(effect: SensorLa
 
 
 def test_a_drift_counts_from_the_record_it_is_searched_in() -> None:
-    (probe,) = DRIFT.probes(Occasion(100.0, 120.0, 0.02))
-    assert probe.values == {"slope": 0.0, "begin": 100.0} and probe.slopes == ("slope",)
+    drift = DRIFT.fitted_to(Occasion(100.0, 120.0, 0.02))
+    assert drift.name == DRIFT.name
     s = SimpleNamespace(time=np.array([100.0, 101.0]))
-    read = DRIFT.read(s, {"alpha": np.zeros(2)}, None, SimpleNamespace(slope=0.3, begin=100.0))
+    read = drift.read(s, {"alpha": np.zeros(2)}, None, SimpleNamespace(slope=0.3))
     assert read["alpha"] == pytest.approx([0.0, 0.3])
