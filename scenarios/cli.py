@@ -87,6 +87,30 @@ def identify(
 
 
 @app.command()
+def diagnose(
+    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")],
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
+    ] = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option("--validate", metavar="RECORD...", help="Predict these records instead of the last part of the last one."),
+    ] = None,
+    effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="Python file with effects of your own; it is run.")] = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    out: Out = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+) -> None:
+    """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
+    from scenarios.commands.diagnose import diagnose_records
+
+    diagnose_records(records, model, vehicle, validate or [], effects, channels, start, stop, out, figures)
+
+
+@app.command()
 def campaign(
     name: Annotated[str, typer.Argument(metavar="NAME", help="A scenario.")],
     runs: Annotated[int, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")],
@@ -124,7 +148,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        code = app(args=[text for text in given if text != "--debug"], standalone_mode=False)
+        code = app(args=_each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise
@@ -132,3 +156,26 @@ def main(arguments: list[str] | None = None) -> None:
 
         raise SystemExit(report(error)) from None
     raise SystemExit(code if isinstance(code, int) else 0)
+
+
+def _each_validated(given: list[str]) -> list[str]:
+    """``--validate A B`` as ``--validate A --validate B``: the option takes every file up to the next option, as it is documented.
+
+    Where that would leave no record to fit, it takes one file only.
+    """
+    if given[:1] != ["diagnose"]:
+        return given
+    out, taking, fitted = [], 0, 0
+    for place, text in enumerate(given[1:], start=1):
+        option = text.startswith("-") and text != "-"
+        if not option and taking > 1:
+            out += ["--validate", text]
+            continue
+        out.append(text)
+        if option:
+            taking = 1 if text == "--validate" else 0
+        elif taking == 1:
+            taking = 2
+        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures"):
+            fitted += 1
+    return ["diagnose", *out] if fitted else given

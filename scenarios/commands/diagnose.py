@@ -1,0 +1,39 @@
+"""`flightid diagnose`: from records to the effect that the model lacks, printed and written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from scenarios.diagnosing import diagnose_files
+from scenarios.diagnosis_text import diagnosis_text
+from scenarios.figure_process import figure_process
+from scenarios.progress import progress_bar
+
+
+def diagnose_records(
+    records: Sequence[Path],
+    model: str,
+    vehicle: Path | None,
+    validate: Sequence[Path],
+    effects: Path | None,
+    channels: Path | None,
+    start: float | None,
+    stop: float | None,
+    out: Path | None,
+    figures: bool,
+) -> None:
+    """Read, trace, write the study, print."""
+    with figure_process(figures and out is not None) as process, progress_bar() as progress:
+        tracing = diagnose_files(records, model, vehicle, validate, effects, channels, start, stop, progress)
+        if out is not None:
+            from scenarios.diagnosis_files import write_diagnosis
+
+            progress("writing the study", 0.97)
+            write_diagnosis(tracing, out, figures=figures, process=process)
+    print(diagnosis_text(tracing))
+    stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
+    if stages:
+        print(f"seconds: {stages}")
+    if out is not None:
+        print(f"written to {out}; begin with {out / 'report.html'}")

@@ -1,0 +1,209 @@
+"""The tracing loop on files: records, vehicle and candidates put together, the last part of a record held out where no other is named."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from ident.tracing.diagnosis import Diagnosis
+from ident.tracing.settings import TraceSettings
+from scenarios.candidates import candidates_for, read_effects
+from scenarios.files.channels import STICK
+from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.holding_out import hold_out
+from sim.effect import Effect
+from sim.errors import DeclarationError, RecordError
+from sim.model import Model, Noise
+from sim.record import Record
+
+MODELS = ("ballistic", "rigid", "flexible", "loes")
+BESIDE = "vehicle.toml"
+
+
+class Trace(Protocol):
+    """The tracing loop, ``ident.tracing.loop.diagnose``."""
+
+    def __call__(
+        self,
+        records: Sequence[Record],
+        model: Model,
+        candidates: Sequence[Effect],
+        guards: Sequence[Effect],
+        validation: Sequence[Record],
+        settings: TraceSettings,
+        progress: Callable[[str, float], None],
+    ) -> Diagnosis: ...
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that a diagnosis rests on: its bare name and the SHA-256 of its content."""
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """All files that a diagnosis rests on; ``validation`` is empty where a part of a record was held out, ``effects`` where none was named."""
+
+    records: tuple[InputFile, ...]
+    validation: tuple[InputFile, ...]
+    vehicle: InputFile
+    effects: tuple[InputFile, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Tracing:
+    """A diagnosis with what it was made from.
+
+    ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
+    record was cut, None where records for validation were named. ``explanations`` by effect name.
+    """
+
+    diagnosis: Diagnosis
+    vehicle: VehicleFile
+    model: Model
+    records: tuple[Record, ...]
+    validation: tuple[Record, ...]
+    inputs: Inputs
+    held_out_from: float | None = None
+    explanations: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def stick_unit(self) -> str:
+        """The stick's label, empty where there is no stick."""
+        return next((channel.unit for channel in self.records[0].inputs if channel.name == STICK), "")
+
+
+def diagnose_files(
+    records: Sequence[Path],
+    model: str,
+    vehicle: Path | None = None,
+    validate: Sequence[Path] = (),
+    effects: Path | None = None,
+    channels: Path | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+    trace: Trace | None = None,
+) -> Tracing:
+    """Read everything, run the loop, and return its result with what went in.
+
+    Parameters
+    ----------
+    records : files that are fitted. model : one of ``MODELS``.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
+    validate : files that are predicted, whole. Without any, the last part of the last record is held out (``hold_out``): all
+        maneuvers stay in the fit, and who wants a whole record held out names it here.
+    effects : a user's Python file; it is run.
+    channels : a channel map, for all records.
+    start, stop : s; the window of ``records``; those of ``validate`` are not cut.
+    progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
+
+    Raises
+    ------
+    FlightidError : anything in the files that keeps them from being used, in one line.
+    """
+    from scenarios.vehicle_models import model_of_file
+    from sim.effects.library import guards_for
+
+    if model not in MODELS:
+        raise DeclarationError(f"there is no model {model!r}", where="--model", remedy=f"use one of {', '.join(MODELS)}")
+    _refuse_twice([*records, *validate])
+    vehicle_path = _vehicle_path(vehicle, records[0], model)
+    progress("reading", 0.0)
+    declared = read_vehicle(vehicle_path, model)
+    full = model_of_file(declared).with_noise(Noise())
+    fitted, predicted = _read(records, validate, full, channels, start, stop)
+    full = full.with_biases(_biased(full, fitted))
+    own = read_effects(effects, full) if effects is not None else ()
+    held_out_from = None
+    if not validate:
+        first, last = hold_out(fitted[-1])
+        fitted, predicted, held_out_from = [*fitted[:-1], first], [last], float(last.time[0])
+    candidates = candidates_for(full, own)
+    run = trace or _loop()
+    diagnosis = run(fitted, full, candidates, guards_for(full.equations), validation=predicted, settings=TraceSettings(), progress=progress)
+    return Tracing(
+        diagnosis,
+        declared,
+        full,
+        tuple(fitted),
+        tuple(predicted),
+        Inputs(_named(records), _named(validate), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
+        held_out_from,
+        {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
+    )
+
+
+def _loop() -> Trace:
+    from ident.tracing.loop import diagnose
+
+    return diagnose
+
+
+def _read(
+    records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, start: float | None, stop: float | None
+) -> tuple[list[Record], list[Record]]:
+    from scenarios.files.channels import read_channel_map
+    from scenarios.files.records import read_record
+
+    inputs, outputs = [signal.name for signal in model.equations.inputs], [signal.name for signal in model.equations.outputs]
+    choices = read_channel_map(channels) if channels is not None else None
+    fitted = [read_record(path, inputs, outputs, choices, start, stop) for path in records]
+    predicted = [read_record(path, inputs, outputs, choices) for path in validate]
+    _same_stick([*fitted, *predicted])
+    measured = {name for record in fitted for name in record.output_names}
+    for record in predicted:
+        if not measured.intersection(record.output_names):
+            known = ", ".join(sorted(measured))
+            what = f"none of the fitted channels ({known}) is measured here"
+            raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
+    return fitted, predicted
+
+
+def _same_stick(records: Sequence[Record]) -> None:
+    """The stick is never converted: numbers of two units must not meet in one call."""
+    if STICK not in records[0].input_names:
+        return
+    first = records[0]
+    for record in records[1:]:
+        if record[STICK].unit != first[STICK].unit:
+            what = f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in {_label(first[STICK].unit)}"
+            raise RecordError(what, where=record.name, remedy="give all records of a call the stick in one unit: it is never converted")
+
+
+def _label(unit: str) -> str:
+    return "no unit" if unit in ("", "1") else repr(unit)
+
+
+def _biased(model: Model, records: Sequence[Record]) -> list[str]:
+    """Every measured output gets a bias, but an altitude: there it is the same as another ballistic coefficient."""
+    measured = {name for record in records for name in record.output_names}
+    return [signal.name for signal in model.equations.outputs if signal.name in measured and signal.name != "altitude"]
+
+
+def _vehicle_path(vehicle: Path | None, record: Path, model: str) -> Path:
+    if vehicle is not None:
+        return vehicle
+    beside = record.parent / BESIDE
+    if not beside.is_file():
+        what = f"the {model} model needs constants and starting values"
+        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {record.name}")
+    return beside
+
+
+def _refuse_twice(paths: Sequence[Path]) -> None:
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise RecordError("the record is named twice", where=str(path), remedy="name each record once, for the fit or for --validate")
+        seen.add(path.resolve())
+
+
+def _named(paths: Sequence[Path]) -> tuple[InputFile, ...]:
+    return tuple(InputFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths)

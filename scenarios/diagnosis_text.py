@@ -1,0 +1,226 @@
+"""A diagnosis in words and small tables, for the terminal and for the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity, Verdict
+from scenarios.diagnosing import Tracing
+from scenarios.effect_wording import Wording, displayed, parameter_text, sentence, value_text, with_sigma
+from scenarios.separating import separating_maneuvers
+
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
+LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
+MOVED = 2.0  # sigmas
+SHOWN = 6  # candidates of a round
+
+
+def diagnosis_text(tracing: Tracing) -> str:
+    """What the terminal shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
+    d = tracing.diagnosis
+    blocks = [
+        [subject(tracing), f"{d.verdict.value.upper()}: {d.verdict.sentence}", *_wrapped(headline(tracing))],
+        _effect_lines(tracing),
+        table(
+            ("error", "unit", "before", "after", "noise floor"), error_rows(d), left=2, title=f"simulation error (rms) on {where_predicted(tracing)}"
+        ),
+        table(("derivative", "unit", "before", "after", "moved by"), derivative_rows(d.before, d.after), left=2, title=moved_title(d)),
+        table(("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), left=2),
+        table(("round", "candidate", "gain", "p", "held-out", "parameters", ""), candidate_rows(d), left=2, title=CANDIDATE_TITLE),
+        [line for warning in d.warnings for line in _wrapped(f"warning: {warning}")],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
+
+
+def wording_of(tracing: Tracing) -> Wording:
+    """What sentences about effects need to know of a study."""
+    inputs = [signal.name for signal in tracing.model.equations.inputs]
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit)
+
+
+def subject(tracing: Tracing) -> str:
+    """Which vehicle, model and records this is about, in one line."""
+    fitted = ", ".join(f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records)
+    return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
+
+
+def where_predicted(tracing: Tracing) -> str:
+    """Where the errors are from: ``"the held-out record validate.csv"`` and the like."""
+    names = [record.name for record in tracing.validation]
+    if tracing.held_out_from is not None:
+        return f"the held-out part of {names[0]}, from {tracing.held_out_from:g} s on"
+    if not tracing.diagnosis.held_out:
+        return "the fitted record"
+    return f"the held-out record{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def headline(tracing: Tracing) -> str:
+    """The finding in one sentence: effect, the error that fell most, the derivative that moved most."""
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    claimed = [claim for claim in d.effects if claim.claimed]
+    told = " and ".join(sentence(claim, wording) for claim in claimed)
+    if not claimed:
+        return _untouched(tracing)
+    parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
+    error = _error_phrase(tracing)
+    if error:
+        parts.append(f"with that, {error}")
+    name = _most_moved(d)
+    if name:
+        old, new = d.before[name], d.after[name]
+        parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}")
+    return "; ".join(parts)
+
+
+def verdict_advice(tracing: Tracing) -> list[str]:
+    """What could not be told apart, and the maneuver that would, one line each."""
+    lines = []
+    for claim in tracing.diagnosis.effects:
+        for names, maneuver in separating_maneuvers(claim.name, claim.alternatives):
+            lines.append(f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: {maneuver}")
+    return lines
+
+
+def effect_heading(claim: Claim, wording: Wording) -> str:
+    """Name, sentence, and what has to be said with it."""
+    hint = "" if claim.claimed else "hint only, not claimed: "
+    where = f" (in record {', '.join(str(number + 1) for number in claim.records)})" if claim.records else ""
+    return f"{hint}{sentence(claim, wording)}{where}"
+
+
+def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """Channel, unit, error before and after, noise floor."""
+    rows: list[tuple[str, ...]] = []
+    for channel, before in d.error_before.rmse.items():
+        after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
+        rows.append((channel, UNITS.get(channel, ""), _short(before), _short(after), _short(floor)))
+    return rows
+
+
+def derivative_rows(before: Mapping[str, Quantity], after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
+    """Name, unit, value +- sigma before and after, the move in sigmas of both (marked beyond two); all in the files' units."""
+    rows: list[tuple[str, ...]] = []
+    for name, old in before.items():
+        new = after.get(name)
+        if new is None:
+            continue
+        sigmas = moved(old, new)
+        mark = " *" if abs(sigmas) > MOVED else "  "
+        move = f"{sigmas:+.1f} sigma{mark}" if abs(sigmas) >= 0.05 else "-  "
+        unit = old.unit if old.unit != "1" else ""
+        rows.append((name, unit, value_text(old.value, old.std), value_text(new.value, new.std), move))
+    return rows
+
+
+def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
+    """The best candidates of each round at each set, by gain; of several forms of one effect the best."""
+    rows: list[tuple[str, ...]] = []
+    nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
+    for node in nodes:
+        group = [candidate for candidate in d.candidates if (candidate.round, candidate.within) == node]
+        ranked = sorted(group, key=lambda c: (-c.gain, c.name))
+        best = {candidate.name: candidate for candidate in reversed(ranked)}
+        rows += [candidate_row(candidate) for candidate in ranked if best[candidate.name] is candidate][:count]
+    return rows
+
+
+def candidate_row(c: Candidate) -> tuple[str, ...]:
+    """Round, name, gain, p-value, held-out change, parameters, remarks."""
+    held = "-" if c.held_out_change is None else f"{100.0 * c.held_out_change:+.1f} %"
+    told = [f"{name} {with_sigma(quantity, name=name) if c.fitted else _estimate(name, quantity)}" for name, quantity in c.parameters.items()]
+    parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+    remarks = [] if c.fitted else ["screened"]
+    remarks += [] if c.plausible else ["implausible"]
+    remarks += [f"like {', '.join(c.collinear_with[:3])}"] if c.collinear_with else []
+    name = " + ".join((*c.within, c.name))
+    return str(c.round), name, f"{c.gain:.1f}", f"{c.p_value:.1g}", held, parameters, "; ".join(remarks)
+
+
+def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
+    """What follows from the derivatives, before and after; a delay of the model itself stands there as well."""
+    pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
+    before, after = ({**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs)
+    return before, after
+
+
+def moved_title(d: Diagnosis) -> str:
+    """Heading of the table of derivatives."""
+    any_moved = any(abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after)
+    return "derivatives (* moved by more than two sigmas of both together)" if any_moved else "derivatives"
+
+
+def moved(old: Quantity, new: Quantity) -> float:
+    """The change in standard deviations of both together; zero where neither is known."""
+    spread = math.hypot(old.std, new.std)
+    return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, title: str = "") -> list[str]:
+    """Aligned lines: the first ``left`` columns and the last of words to the left, the others to the right; nothing where there is no row."""
+    if not rows:
+        return []
+    widths = [max(len(heading), *(len(row[i]) for row in rows)) for i, heading in enumerate(headings)]
+    words = {i for i, heading in enumerate(headings) if i < left or heading in ("parameters", "")}
+
+    def line(cells: Sequence[str]) -> str:
+        return "  " + "  ".join(
+            cell.ljust(width) if i in words else cell.rjust(width) for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        )
+
+    return [text.rstrip() for text in ([title] if title else []) + [line(headings), *(line(row) for row in rows)]]
+
+
+def _effect_lines(tracing: Tracing) -> list[str]:
+    wording, lines = wording_of(tracing), []
+    for claim in tracing.diagnosis.effects:
+        lines += _wrapped(f"{claim.name}: {effect_heading(claim, wording)}")
+        if claim.parameters:
+            lines += _wrapped(parameter_text(claim, wording), "    ")
+    for line in verdict_advice(tracing):
+        lines += _wrapped(line)
+    return lines
+
+
+def _untouched(tracing: Tracing) -> str:
+    d = tracing.diagnosis
+    if d.verdict is Verdict.CONSISTENT:
+        return f"the declared model stands; {_error_phrase(tracing)}"
+    return f"no effect is named; {_error_phrase(tracing)}"
+
+
+def _error_phrase(tracing: Tracing) -> str:
+    d = tracing.diagnosis
+    before, after = d.error_before.rmse, d.error_after.rmse
+    channels = [name for name in before if name in after]
+    if not channels:
+        return ""
+    fell = max(channels, key=lambda name: (before[name] - after[name]) / (d.noise_floor.get(name) or before[name] or 1.0))
+    unit, floor = UNITS.get(fell, ""), d.noise_floor.get(fell)
+    change = f"{_short(before[fell])} -> {_short(after[fell])}" if _short(before[fell]) != _short(after[fell]) else _short(after[fell])
+    tail = f", noise floor {_short(floor)}" if floor is not None else ""
+    return f"{LONG.get(fell, fell)} error {change} {unit} on {where_predicted(tracing)}{tail}"
+
+
+def _most_moved(d: Diagnosis) -> str:
+    moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
+    name = max(moves, key=lambda each: moves[each], default="")
+    return name if name and moves[name] > MOVED else ""
+
+
+def _estimate(name: str, quantity: Quantity) -> str:
+    value, _, unit = displayed(quantity, name)
+    return f"about {value:.3g}{f' {unit}' if unit not in ('', '1') else ''}"
+
+
+def _short(value: float) -> str:
+    return "-" if not math.isfinite(value) else f"{value:.3g}" if value < 1e4 else f"{value:.0f}" if value < 1e7 else f"{value:.2g}"
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    import textwrap
+
+    return textwrap.wrap(text, 118, initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False)

@@ -1,0 +1,145 @@
+"""Each effect as a sentence that a flight-test engineer understands at once, with its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from ident.tracing.diagnosis import Claim, Quantity
+
+DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
+CHANNELS = {"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor"}
+
+# By name without its channel: templates of which the first whose parameters are all there is taken. Beside the parameters by
+# local name: {control}, {channel}, {rest} (all parameters but times), and of a parameter NAME_percent (its distance from
+# one), NAME_change (a share), NAME_direction, NAME_hertz.
+SENTENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "input-delay": ("what the {control} does reaches the aircraft {delay} late",),
+        "actuator-lag": ("the actuator follows the {control} with a lag of {time_constant}",),
+        "actuator-rate-limit": ("the actuator moves no faster than {rate}",),
+        "actuator-saturation": ("the actuator stops at +-{limit}",),
+        "input-deadband": ("the {control} {sticks} within +-{half_width} of zero (break-out)",),
+        "input-backlash": ("the {control} has a play of +-{half_width} (hysteresis)",),
+        "moment-nonlinearity": ("the pitching moment is not linear in the angle of attack",),
+        "lift-nonlinearity": ("the lift is not linear in the angle of attack",),
+        "control-nonlinearity": ("the effect of the {control} is not in proportion to its deflection",),
+        "derivative-jump": ("the derivatives change at {time}: {rest}",),
+        "elastic-mode": ("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
+        "density-scale-height": ("the air density falls off with a scale height {change_change} {change_direction} than declared",),
+        "drag-mach": ("the drag changes with the Mach number",),
+        "drag-jump": ("the drag is multiplied by {factor} from {time} on",),
+        "gust-turbulence": ("the air is turbulent: gusts of {sigma}, length scale {length}",),
+        "gust-discrete": ("a single gust of {peak} comes at {start} and lasts {duration}",),
+        "speed-variation": ("the airspeed changes by {rate}",),
+        "unmeasured-input": (
+            "something that is not recorded acts for {duration} from {start}: {rest}",
+            "something that is not recorded acts from {start} on: {rest}",
+        ),
+        "vane-offset": ("the vane sits {arm} ahead of the centre of gravity and feels the pitch rate",),
+        "sensor-scale": ("the {channel} is read {scale_percent} {scale_direction}",),
+        "sensor-lag": ("the {channel} is read with a lag of {time_constant}",),
+        "sensor-delay": ("the {channel} is read {delay} late",),
+        "sensor-drift": ("the reading of the {channel} drifts by {slope}",),
+        "sensor-spikes": ("the reading of the {channel} has spikes: {rest}", "the reading of the {channel} has spikes"),
+    }
+)
+_TIMES = ("time", "start", "begin", "duration")
+
+
+@dataclass(frozen=True)
+class Wording:
+    """What the sentences need to know of the study: the name of the control, and the stick's unit where there is one."""
+
+    control: str = "elevator"
+    stick_unit: str = ""
+
+
+def sentence(claim: Claim, wording: Wording) -> str:
+    """What an effect does, in words: from the table, else its name and parameters."""
+    base, _, channel = claim.name.partition(":")
+    fields = _fields(claim, wording)
+    sticks = "does nothing" if wording.control == "stick" else "sticks"
+    fields |= {"control": wording.control, "sticks": sticks, "channel": CHANNELS.get(channel, channel)}
+    for template in SENTENCES.get(base.partition("#")[0], ()):
+        try:
+            return template.format_map(fields)
+        except KeyError:
+            continue
+    numbers = parameter_text(claim, wording)
+    return f"{claim.name} acts: {numbers}" if numbers else f"{claim.name} acts"
+
+
+def parameter_text(claim: Claim, wording: Wording) -> str:
+    """All parameters with their sigmas: ``"half_width 0.401 +- 0.009 deg"``."""
+    return ", ".join(f"{name} {with_sigma(quantity, _stick(claim, quantity, wording), name)}" for name, quantity in claim.parameters.items())
+
+
+def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
+    """``"0.061 +- 0.001 s"``, angles in degrees, digits by the sigma; ``unit`` replaces the quantity's own."""
+    value, std, text = displayed(quantity, name)
+    return value_text(value, std, text if unit is None else unit)
+
+
+def value_text(value: float, std: float, unit: str = "") -> str:
+    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such."""
+    shown = _spaced(unit)
+    if not _known(value, std):
+        return f"{value:.3g}{shown} (not determined)"
+    digits = _digits(std)
+    return f"{value:.{digits}f} +- {std:.{digits}f}{shown}" if digits < 7 else f"{value:.3g} +- {std:.2g}{shown}"
+
+
+def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
+    """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
+    if quantity.unit in DEGREES and "frequency" not in name:
+        factor = 180.0 / math.pi
+        return factor * quantity.value, factor * quantity.std, DEGREES[quantity.unit]
+    return quantity.value, quantity.std, quantity.unit
+
+
+def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
+    fields = {}
+    for name, quantity in claim.parameters.items():
+        value, std, text = displayed(quantity, name)
+        fields[name] = _number(value, std) + _spaced(_stick(claim, quantity, wording) or text)
+        fields[f"{name}_percent"] = f"{_number(100.0 * abs(quantity.value - 1.0), 100.0 * quantity.std)} %"
+        fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), 100.0 * quantity.std)} %"
+        above = quantity.value > (0.0 if name == "change" else 1.0)
+        fields[f"{name}_direction"] = ("larger" if above else "smaller") if name == "change" else ("too large" if above else "too small")
+        if quantity.unit == "rad/s":
+            fields[f"{name}_hertz"] = f"{_number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))} Hz"
+    rest = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in claim.parameters.items() if name not in _TIMES]
+    return {**fields, "rest": ", ".join(rest)} if rest else fields
+
+
+def _stick(claim: Claim, quantity: Quantity, wording: Wording) -> str | None:
+    """The unit of a number on the input path that is counted in the stick's unit; None for any other."""
+    label = wording.stick_unit if wording.stick_unit not in ("", "1") else "unit(s) of the stick"
+    if wording.control != "stick" or not claim.name.startswith(("input-", "actuator-")):
+        return None
+    return {"1": label, "1/s": f"{label}/s"}.get(quantity.unit)
+
+
+def _number(value: float, std: float) -> str:
+    """The value with the digits that its sigma leaves, three at most."""
+    if not _known(value, std):
+        return f"{value:.2g}"
+    digits = max(0, -math.floor(math.log10(std)))
+    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"
+
+
+def _digits(std: float) -> int:
+    """Decimals that show two digits of a sigma that begins with 1, else one."""
+    power = math.floor(math.log10(std))
+    return max(0, -power + (1 if std / 10.0**power < 1.95 else 0))
+
+
+def _known(value: float, std: float) -> bool:
+    return 0.0 < std < math.inf and (value == 0.0 or std < 1e3 * abs(value) or abs(value) < 1e-3)
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit not in ("", "1") else ""

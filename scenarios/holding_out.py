@@ -1,0 +1,77 @@
+"""Which part of a record is kept out of the fit when the user names no record for that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.errors import RecordError
+from sim.record import Record
+
+SHARE = 0.3  # of the excitation
+EARLIEST, LATEST = 0.3, 0.8  # of the duration
+LEAST = 0.1  # of the excitation, for the held-out part
+FEWEST = 20  # samples in either part
+_REST = 0.02  # of the input's largest movement
+_REST_TIME = 0.5  # s
+_REMEDY = "give another record with --validate, or use more of this one"
+
+
+def hold_out(record: Record) -> tuple[Record, Record]:
+    """Cut a record in two: what is fitted, and its last part, which is predicted.
+
+    The cut lies between three and eight tenths of the duration, where 70 % of the excitation (the summed square of the
+    inputs' distance from their median) is over: a part in which the controls rest says nothing of a model. Moments at which
+    every input has rested for half a second are preferred as long as a tenth of the excitation is left to the last part:
+    lags, delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its duration.
+
+    Raises
+    ------
+    RecordError : a part would have fewer than 20 rows, or no sample of a channel.
+    """
+    cut = _cut(record)
+    if min(cut, len(record) - cut) < FEWEST:
+        raise RecordError(f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY)
+    return _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
+
+
+def _cut(record: Record) -> int:
+    """First row of the held-out part."""
+    time = record.time
+    span = time[-1] - time[0]
+    inside = np.flatnonzero((time >= time[0] + EARLIEST * span) & (time <= time[0] + LATEST * span))
+    if inside.size == 0:
+        return len(record)
+    wanted = 1.0 - SHARE
+    weight = np.gradient(time)
+    moved = np.zeros(len(record))
+    resting = np.ones(len(record), dtype=bool)
+    for channel in record.inputs:
+        away = np.abs(channel.values - np.median(channel.values))
+        peak = float(away.max())
+        if peak > 0.0:
+            moved += (away / peak) ** 2 * weight
+            resting &= away <= _REST * peak
+    if not np.any(moved > 0.0):
+        return int(inside[np.argmin(np.abs(time[inside] - time[0] - wanted * span))])
+    over = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / moved.sum()
+    last_moved = np.maximum.accumulate(np.where(resting, -np.inf, time))
+    rested = inside[resting[inside] & (time[inside] - last_moved[inside] >= _REST_TIME)]
+    rested = rested[(1.0 - over[rested] >= LEAST) & (over[rested] >= 0.5)]
+    chosen = rested if rested.size else inside
+    distance = np.abs(over[chosen] - wanted)
+    # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
+    best = chosen[distance <= distance.min() + 0.02]
+    return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
+
+
+def _part(record: Record, rows: slice, word: str) -> Record:
+    for channel in record.outputs:
+        if not np.any(channel.valid[rows]):
+            raise RecordError(f"not a single sample of {channel.name} in the {word} part", where=record.name, remedy=_REMEDY)
+    inputs, outputs = (
+        tuple(replace(channel, values=channel.values[rows], valid=channel.valid[rows]) for channel in group)
+        for group in (record.inputs, record.outputs)
+    )
+    return replace(record, time=record.time[rows], inputs=inputs, outputs=outputs)

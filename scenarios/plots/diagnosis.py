@@ -1,0 +1,232 @@
+"""Figures of a diagnosis: residuals and their spectra before and after, the held-out record, evidence, derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.effect_wording import value_text
+from scenarios.plots.display import axis_label, display_unit, plain, symbol
+from scenarios.plots.signals import Response, figure_fit
+from scenarios.plots.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    LABEL_SIZE,
+    SKY,
+    TICK_SIZE,
+    VERMILION,
+    WIDTH,
+    ZERO,
+    caption,
+    finish,
+    make_sheet,
+    text_width,
+    time_axis,
+    y_label,
+)
+
+BARS, PANELS = 7, 4  # candidates of a round, rounds
+LEAST = 0.1  # gain at the left edge of the evidence
+_BAND = "±2σ of the noise"
+
+
+def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
+    """Residuals of the fitted record against time, left with the declared model, right with the effects, one scale for both.
+
+    Where nothing was added there is one column. ``noise`` is the noise's standard deviation by channel. Samples that were
+    set aside are ringed; angles in degrees.
+    """
+    shown = _measured(fitted)
+    count, same = len(shown), np.array_equal(fitted.before, fitted.after)
+    sides = (("residual", fitted.after),) if same else (("before", fitted.before), ("after", fitted.after))
+    sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
+    for line, (row, name) in zip(sheet.axes, shown, strict=True):
+        channel = fitted.record[name]
+        unit, valid = display_unit(channel.unit), channel.valid
+        aside = valid & ~fitted.used[row]
+        limit = 0.0
+        for panel, (when, residuals) in zip(line, sides, strict=True):
+            values = unit.factor * residuals[row]
+            _few_ticks(panel)
+            _band(panel, unit.factor * noise.get(name, 0.0))
+            panel.plot(
+                fitted.record.time[valid],
+                values[valid],
+                color=BLUE,
+                marker=".",
+                markersize=2.5,
+                markeredgewidth=0.0,
+                linestyle="none",
+                label="residual",
+            )
+            if np.any(aside):
+                ring = {"marker": "o", "markersize": 5.5, "markerfacecolor": "none", "markeredgewidth": 0.9, "linestyle": "none"}
+                panel.plot(fitted.record.time[aside], values[aside], color=VERMILION, label="set aside", **ring)
+            limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
+            rms = float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2))) if np.any(valid & fitted.used[row]) else 0.0
+            caption(panel, f"{when}: rms {rms:.3g} {unit.text}")
+        for panel in line:
+            panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
+        for panel in line[1:]:
+            panel.tick_params(labelleft=False)
+        y_label(line[0], axis_label(name, unit))
+    for panel in sheet.axes[-1]:
+        time_axis(panel)
+    return finish(sheet, title, head=0.24)
+
+
+def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "") -> Figure:
+    """The predicted record: measured, predicted with and without the effects, and below what each leaves; angles in degrees."""
+    responses = [
+        Response(label, dict(zip(prediction.channels, values, strict=True)))
+        for label, values in (("predicted after", prediction.after), ("predicted before", prediction.before))
+    ]
+    return figure_fit(prediction.record, responses, None, title, noise)
+
+
+def figure_evidence(candidates: Sequence[Candidate], claimed: Sequence[str] = (), title: str = "") -> Figure:
+    """The best candidates of each round by their gain of the log likelihood, on a logarithmic scale.
+
+    Full fits are filled, projected scores of the screening are open; what the verdict claims is blue. A round that looked at
+    several sets has a panel for each; the first ``PANELS`` are drawn.
+    """
+    nodes = list(dict.fromkeys((c.round, c.within) for c in candidates))[:PANELS]
+    groups = [_best([c for c in candidates if (c.round, c.within) == node]) for node in nodes]
+    labels = [plain(c.name) for group in groups for c in group]
+    left = min(2.6, max([1.0, *(text_width(label, TICK_SIZE) + 0.25 for label in labels)]))
+    sheet = make_sheet([0.21 * len(group) + 0.12 for group in groups] or [1.0], row_gap=0.34, left=left, right=0.6)
+    largest = max((c.gain for c in candidates), default=1.0)
+    for panel, node, group in zip(sheet.panels, nodes, groups, strict=False):
+        panel.set_xscale("log")
+        for place, c in enumerate(reversed(group)):
+            colour = BLUE if c.name in claimed else GREY
+            length = max(c.gain, LEAST)
+            panel.barh(place, length - LEAST, left=LEAST, height=0.68, color=colour if c.fitted else "white", edgecolor=colour, linewidth=0.9)
+            text = f"{c.gain:.3g}" + ("" if c.plausible else " implausible") + ("" if c.fitted else " screened")
+            panel.annotate(text, (length, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=TICK_SIZE - 1)
+        panel.set_yticks(range(len(group)), [plain(c.name) for c in reversed(group)])
+        panel.tick_params(axis="y", length=0)
+        panel.grid(False, axis="y")
+        panel.set_ylim(-0.55, len(group) - 0.45)
+        panel.set_xlim(LEAST, 4.0 * max(largest, 10.0 * LEAST))
+        _decades(panel.xaxis)
+        within = f", beside {' + '.join(node[1])}" if node[1] else ", beside the declared model"
+        caption(panel, plain(f"round {node[0]}{within}"))
+    if groups:
+        sheet.panels[-1].set_xlabel("gain of the log likelihood", fontsize=LABEL_SIZE)
+    else:
+        caption(sheet.panels[0], "no candidate was tried")
+    return finish(sheet, title, head=0.22, legend=False)
+
+
+def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = "") -> Figure:
+    """Derivatives with the declared model and with the effects, in per cent of the former; bars are two standard deviations."""
+    names = [name for name in before if name in after]
+    n = len(names)
+    labels = [symbol(name) for name in names]
+    left = min(2.0, max([0.7, *(text_width(label) + 0.25 for label in labels)]))
+    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=2.3)
+    panel = sheet.panels[0]
+    panel.axvline(0.0, **ZERO)
+    inner = WIDTH - sheet.left - sheet.right
+    columns = (1.0 + 1.1 / inner, 1.0 + 2.2 / inner)
+    for x, text, colour in zip(columns, ("before", "after"), (VERMILION, BLUE), strict=True):
+        panel.text(x, n - 0.35, text, transform=panel.get_yaxis_transform(), ha="right", va="bottom", fontsize=TICK_SIZE, color=colour)
+    rows = n - 1.0 - np.arange(n)
+    start = np.array([before[name].value for name in names])
+    base = np.abs(start)
+    base = np.where(base > 0.0, base, [before[name].std for name in names])
+    reach = 5.0
+    for side, offset, marker, colour, label in ((before, 0.16, "s", VERMILION, "before ±2σ"), (after, -0.16, "o", BLUE, "after ±2σ")):
+        x = 100.0 * (np.array([side[name].value for name in names]) - start) / base
+        bars = 200.0 * np.array([side[name].std for name in names]) / base
+        panel.errorbar(
+            x, rows + offset, xerr=bars, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, linestyle="none", label=label
+        )
+        reach = max(reach, float(np.max(np.abs(x) + np.minimum(bars, 100.0), initial=0.0)))
+    for y, name in zip(rows.tolist(), names, strict=True):
+        for x, quantity, colour in zip(columns, (before[name], after[name]), (VERMILION, BLUE), strict=True):
+            text = value_text(quantity.value, quantity.std).replace("+-", "±").replace("-", "−")
+            panel.text(x, y, text, transform=panel.get_yaxis_transform(), ha="right", va="center", fontsize=TICK_SIZE, color=colour)
+    panel.set_yticks(range(n), labels[::-1])
+    panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
+    panel.set_ylim(-0.55, n - 0.45)
+    panel.set_xlim(-1.08 * reach, 1.08 * reach)
+    panel.set_xlabel("change of the derivative (% of its value before)", fontsize=LABEL_SIZE)
+    return finish(sheet, title, head=0.24)
+
+
+def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
+    """Power spectra of the residuals before and after over that of the noise: white noise of the right size lies at one.
+
+    Periodograms under a Hann window, averaged over neighbouring frequencies. Samples missing or set aside count as zero, uneven
+    sampling is read as even at its mean interval.
+    """
+    shown = _measured(fitted)
+    sheet = make_sheet([1.25] * len(shown), row_gap=0.3)
+    interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
+    for panel, (row, name) in zip(sheet.panels, shown, strict=True):
+        used = fitted.used[row] & fitted.record[name].valid
+        panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
+        for residual, colour, style, label in ((fitted.before[row], VERMILION, "--", "before"), (fitted.after[row], BLUE, "-", "after")):
+            hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
+            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, color=colour, linestyle=style, linewidth=1.2, label=label)
+        panel.set_yscale("log")
+        panel.set_xscale("log")
+        bottom, top = panel.get_ylim()
+        panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
+        _decades(panel.xaxis, (1.0, 2.0, 5.0))
+        _decades(panel.yaxis)
+        y_label(panel, f"{symbol(name)} power / noise")
+    sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
+    return finish(sheet, title, head=0.12)
+
+
+def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by default; white noise of variance s2 gives s2."""
+    n = len(residual)
+    window = np.hanning(n)
+    share = float(np.sum(window**2)) * max(used, 1) / n
+    power = np.abs(np.fft.rfft(residual * window)) ** 2 / share
+    hertz = np.fft.rfftfreq(n, interval)
+    width = 1 if n < 100 else 5
+    smooth = np.convolve(power[1:], np.ones(width) / width, mode="valid")
+    return hertz[1 + width // 2 : 1 + width // 2 + len(smooth)], smooth
+
+
+def _best(group: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates of a round that gain most, each name once."""
+    ranked = sorted(group, key=lambda c: (-c.gain, c.name))
+    first = {c.name: c for c in reversed(ranked)}
+    return [c for c in ranked if first[c.name] is c][:BARS]
+
+
+def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
+    """Row and name of the channels that this record has; others of the fit may lack it."""
+    return [(row, name) for row, name in enumerate(fitted.channels) if name in fitted.record.output_names]
+
+
+def _band(panel: Axes, sigma: float) -> None:
+    if sigma > 0.0:
+        panel.axhspan(-2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.25, linewidth=0, label=_BAND)
+    panel.axhline(0.0, **ZERO)
+
+
+def _few_ticks(panel: Axes) -> None:
+    """Ticks are most of what drawing costs, and a narrow panel has no room for many."""
+    for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 4)):
+        axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
+    """Plain numbers at multiples of the powers of ten, nothing between."""
+    axis.set_major_locator(LogLocator(subs=multiples, numticks=9))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))

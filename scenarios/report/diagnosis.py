@@ -1,0 +1,91 @@
+"""The page of a diagnosis: verdict, effects, errors, derivatives, figures, evidence; whole in one file."""
+
+from __future__ import annotations
+
+import base64
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.tracing.diagnosis import Claim, Verdict
+from scenarios import diagnosis_text as text
+from scenarios.diagnosing import Tracing
+from scenarios.diagnosis_figures import figure_stems
+from scenarios.effect_wording import parameter_text
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+TONES = {
+    Verdict.CONSISTENT: "good",
+    Verdict.TRACED: "good",
+    Verdict.PARTIAL: "fair",
+    Verdict.AMBIGUOUS: "fair",
+    Verdict.UNEXPLAINED: "open",
+}
+
+
+def report_template() -> Template:
+    """The page's template; every text that goes into it is escaped."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["signs"] = lambda words: words.replace("+-", "±").replace("->", "→")
+    return environment.from_string(_resource("diagnosis.html"))
+
+
+def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, template: Template | None = None) -> str:
+    """The page as HTML; the PNG files of our figures in the folder ``figures`` are put into it."""
+    from markupsafe import Markup
+
+    d = tracing.diagnosis
+    page = template or report_template()
+    return page.render(
+        style=Markup(_resource("report.css")),
+        title=f"{tracing.vehicle.name}: {d.verdict.value}",
+        tone=TONES[d.verdict],
+        verdict=d.verdict.value,
+        verdict_sentence=d.verdict.sentence,
+        subject=text.subject(tracing),
+        headline=_capital(text.headline(tracing)),
+        effects=[_effect(claim, tracing) for claim in d.effects],
+        advice=text.verdict_advice(tracing),
+        warnings=warnings,
+        where=text.where_predicted(tracing),
+        errors=text.error_rows(d),
+        derivatives=text.derivative_rows(d.before, d.after),
+        derived=text.derivative_rows(*text.derived_of(d)),
+        moved_title=_capital(text.moved_title(d)),
+        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures)],
+        steps=[step.sentence for step in d.steps],
+        candidates=text.candidate_rows(d, len(d.candidates)),
+        tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
+        inputs=[("fitted", file) for file in tracing.inputs.records]
+        + [("held out", file) for file in tracing.inputs.validation]
+        + [("vehicle", tracing.inputs.vehicle)]
+        + [("effects", file) for file in tracing.inputs.effects],
+    )
+
+
+def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
+    wording = text.wording_of(tracing)
+    return {
+        "name": claim.name,
+        "claimed": claim.claimed,
+        "sentence": _capital(text.effect_heading(claim, wording)),
+        "parameters": parameter_text(claim, wording),
+        "alternatives": claim.alternatives,
+        "explanation": claim.explanation or tracing.explanations.get(claim.name, ""),
+    }
+
+
+def _figure(path: Path, caption: str) -> dict[str, str]:
+    return {"caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii"), "name": path.stem}
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _resource(name: str) -> str:
+    return files("scenarios.report").joinpath(name).read_text(encoding="utf-8")
