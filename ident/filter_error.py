@@ -16,8 +16,10 @@ from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitLayout, FitSettings, lay_out, reweighed
 from ident.output_error import failed_estimate, fit_covariance
 from ident.process_noise import SCALE, ProcessNoise, is_forced, process_noise
+from ident.random_motion import Variation, random_motion
 from ident.residuals import ljung_box
 from ident.weighing import WHITE
+from ident.whitener import whitener
 from sim.errors import ModelError
 from sim.record import Record
 from sim.system import System
@@ -71,30 +73,54 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
         fit of nearly the same model: a warm start. When None they come from an output-error fit, which also
         moves the other unknowns' start.
     """
-    start = None
+    layout, start = _never_still(layout), None
     if levels is None:
         coarse = replace(layout.settings, tolerance=max(_COARSE, layout.settings.tolerance))
         first = fit_whole_records(reweighed(layout, WHITE, settings=coarse), guesses)
         if first is None:
             return None
-        start, guesses = first.theta, [line.states for line in first.lines]
-        levels = dict(zip(layout.system.output_names, noise_start(first).tolist(), strict=True))
+        start, guesses, noise = first.theta.copy(), [line.states for line in first.lines], noise_start(first)
+        factor = _size_of_motion(first, noise)
+        for position, value in _amplitudes(layout).items():
+            start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
+        levels = {**dict(zip(layout.system.output_names, noise.tolist(), strict=True)), SCALE: factor}
     present = [name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used]
-    layout = _never_still(layout)
     weighing = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
     return fit_whole_records(reweighed(layout, weighing, start), guesses)
+
+
+def _amplitudes(layout: FitLayout) -> dict[int, float]:
+    """Unknowns that nothing forces a state without (intensities): positions in theta and starting values."""
+    found = {}
+    for r in range(len(layout.problems)):
+        p, _ = layout.split(layout.start, r)
+        for q, index in enumerate(layout.order):
+            position = int(layout.columns(r)[q])
+            if layout.low[position] == 0.0 < p[index] and not np.any(np.array(layout.system.noise([*p[:index], 0.0, *p[index + 1 :]])[0]) > 0):
+                found[position] = float(p[index])
+    return found
 
 
 def _never_still(layout: FitLayout) -> FitLayout:
     """The same layout with intensities kept off zero, where the likelihood is flat and a fit would stay for ever."""
     low = layout.low.copy()
-    for r in range(len(layout.problems)):
-        p, _ = layout.split(layout.start, r)
-        for q, index in enumerate(layout.order):
-            position = layout.columns(r)[q]
-            if layout.low[position] == 0.0 < p[index] and not np.any(np.array(layout.system.noise([*p[:index], 0.0, *p[index + 1 :]])[0]) > 0):
-                low[position] = _LEAST * p[index]
+    for position, value in _amplitudes(layout).items():
+        low[position] = _LEAST * value
     return replace(layout, low=low)
+
+
+def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
+    """Factor on the start's forcing that makes the random motion as large as what the residuals hold beyond noise ``(m,)``."""
+    layout = fit.layout
+    expected, beyond = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
+    for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
+        motion = random_motion(problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0))
+        # A filter that trusts no measurement propagates the covariance of the motion itself.
+        spread = whitener(motion, 1e12 * noise**2, np.zeros((len(problem.grid.nodes), len(noise)), dtype=bool)).predicted
+        expected += np.mean(np.einsum("tij,tjk,tik->ti", motion.H, spread, motion.H, optimize=True), axis=0) / len(layout.problems)
+    at = np.flatnonzero(layout.used & (expected > 0))
+    ratio = float(np.sqrt(np.median(beyond[at] / expected[at]))) if at.size else 1.0
+    return float(np.clip(ratio, 0.01, 100.0)) if np.isfinite(ratio) else 1.0
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:

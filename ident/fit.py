@@ -7,6 +7,7 @@ residual, see `ident.whole_record`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,11 @@ from ident.information import conditional_scale
 from ident.keeping import LARGEST
 from ident.weighing import Weighed
 from ident.whole_record import Linearisation, linearise
+
+_REMEMBERED = 4  # steps whose change of gradient is used
+_LEAST_DAMPING = 1e-4  # where noise levels are unknowns: less is of no use, and would have to be undone after a step too far
+_NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
+_LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +108,28 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
     normal, gradient = fit.normal_equations()
+    curved = bool(layout.weighing.names)
+    floor = _LEAST_DAMPING if curved else 1e-12
+    moves: list[tuple[np.ndarray, np.ndarray]] = []
     while done < settings.iterations:
         done += 1
         scale = conditional_scale(normal, fit.theta)
         pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
         moving = (np.diag(normal) > 0) & ~pressed
         scaled, slope = normal * np.outer(scale, scale), scale * gradient
-        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), layout.low, layout.high)
+        low, high = layout.weighing.reach(layout, fit.theta)
+        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), low, high)
         trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
             settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
-            fit, damping = trial, max(damping / 10.0, 1e-12)
+            before, fit, damping = fit, trial, max(damping / 10.0, floor)
             if np.all(settled):
                 outcome = Outcome.CONVERGED
                 break
-            normal, gradient = fit.normal_equations()
+            expected, after = fit.normal_equations()
+            if curved and before.cost - fit.cost < _NEAR:
+                moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
+            normal, gradient = _with_curvature(expected, moves), after
         else:
             damping *= 10.0
             if damping > 1e8:
@@ -164,6 +177,19 @@ def _carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
     """Trajectory guesses at other parameters, by the sensitivities of this point."""
     step = theta - fit.theta
     return [np.array(line.states + line.by_state @ step[fit.layout.columns(r)]) for r, line in enumerate(fit.lines)]
+
+
+def _with_curvature(information: np.ndarray, moves: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Expected information changed so that it maps recent steps to the changes of gradient they brought (BFGS).
+
+    Where noise levels are unknowns the expected information alone converges slowly.
+    """
+    for step, change in moves:
+        pressed = information @ step
+        work, seen = float(step @ change), float(step @ pressed)
+        if work > _LEAST_CURVATURE * seen > 0.0:
+            information = information + np.outer(change, change) / work - np.outer(pressed, pressed) / seen
+    return information
 
 
 def _damped_solution(scaled: np.ndarray, slope: np.ndarray, damping: float, moving: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from ident.whole_record import INCREMENT, Linearisation, RecordProblem
 from sim.system import System
 
 SCALE = "process_noise_scale"
+_FACTOR = 4.0  # by which one step changes a noise level at most
 _LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
 
 
@@ -99,6 +100,21 @@ class ProcessNoise:
                 information[np.ix_(moving, moving)] += part.information
         return gradient, information
 
+    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""
+        low, high = layout.low.copy(), layout.high.copy()
+        n = len(theta)
+        positions = set(range(n - len(self.names), n))
+        for r in range(len(layout.problems)):
+            p, _ = layout.split(theta, r)
+            density = _density(layout.system, p)
+            setting = [q for q, index in enumerate(layout.order) if np.any(_density(layout.system, _stretched(p, index)) != density)]
+            positions |= set(layout.columns(r)[setting].tolist())
+        for i in positions:
+            if theta[i] > 0:
+                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
+        return low, high
+
     def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
         """Innovations of the columns over their standard deviation, zero where a sample is missing."""
         problem = layout.problems[r]
@@ -124,9 +140,19 @@ class ProcessNoise:
         return Weighed(tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters))
 
 
+def _density(system: System, p: np.ndarray) -> np.ndarray:
+    return np.array(system.noise(p.tolist())[0], dtype=float)
+
+
+def _stretched(p: np.ndarray, index: int) -> np.ndarray:
+    moved = p.copy()
+    moved[index] *= 1.01
+    return moved
+
+
 def is_forced(system: System) -> bool:
     """Whether white noise acts on a state."""
-    return bool(np.any(np.array(system.noise(system.parameters.values().tolist())[0], dtype=float) > 0))
+    return bool(np.any(_density(system, system.parameters.values()) > 0))
 
 
 def process_noise(system: System, std: Mapping[str, float], present: Sequence[str], *, fixed: bool = False, scale: float = 1.0) -> ProcessNoise:

@@ -43,6 +43,7 @@ class Weighing(Protocol):
     ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weigh`` returns None where its likelihood is not finite.
     ``further`` gives gradient ``(n,)`` and expected information ``(n, n)`` of the log likelihood beyond those that the residuals
     have through the jacobians; None where there is nothing.
+    ``reach`` bounds one step of a fit from ``theta``: lowest and highest values of all unknowns, ``(n,)`` each.
     ``whiten`` makes columns ``(m, N, c)`` in the outputs' units, of record ``r``, those of independent samples of variance one.
     """
 
@@ -60,6 +61,7 @@ class Weighing(Protocol):
     def further(
         self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed
     ) -> tuple[np.ndarray, np.ndarray] | None: ...
+    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
     def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray: ...
 
 
@@ -87,6 +89,10 @@ class White:
     def further(self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed) -> tuple[np.ndarray, np.ndarray] | None:
         """Nothing: the variances are concentrated out."""
         return None
+
+    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds of the layout."""
+        return layout.low, layout.high
 
     def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
         """Columns over the standard deviation, zero where a sample is missing."""

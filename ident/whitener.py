@@ -104,11 +104,11 @@ def filtered(filter: Whitener, columns: np.ndarray) -> Filtered:
     n = filter.covariance.shape[-1]
     if n == 0:
         state = np.zeros((len(e), 0, e.shape[2]))
-        return Filtered(e, filter.root[filter.at] @ e, state)
-    state = _joined(_closed_loop(filter), filter.gain[filter.at] @ e)
+        return Filtered(e, _every(filter.root, filter) @ e, state)
+    state = _joined(_closed_loop(filter), _every(filter.gain, filter) @ e)
     innovation = e.copy()
     innovation[1:] -= _rows(filter.seen, slice(1, None)) @ (filter.motion.Phi @ state[:-1])
-    return Filtered(innovation, filter.root[filter.at] @ innovation, state)
+    return Filtered(innovation, _every(filter.root, filter) @ innovation, state)
 
 
 def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: MotionSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
@@ -159,10 +159,12 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: MotionSlopes
     pushed_state = np.zeros((len(e), n, D))
     pushed_state[1:] = _right(by_Phi, x[:-1])[..., 0]
     straight = _right(by_H, predicted)[..., 0]
-    source = _right(dK[filter.at], residual.innovation[..., None])[..., 0] + open_loop[filter.at] @ pushed_state - K[filter.at] @ straight
+    source = (
+        _right(_every(dK, filter), residual.innovation[..., None])[..., 0] + _every(open_loop, filter) @ pushed_state - _every(K, filter) @ straight
+    )
     moved = pushed_state
     moved[1:] += Phi @ _joined(_closed_loop(filter), source)[:-1]
-    columns = (filter.root[filter.at] @ (straight + filter.seen @ moved)).reshape(-1, D)
+    columns = (_every(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, D)
     return LikelihoodSlopes(gradient + columns.T @ e.reshape(-1), information + columns.T @ columns)
 
 
@@ -209,6 +211,11 @@ def _joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
             band[n + i - j, columns + j] = -T[:, i, j]
     solution, _ = dtbtrs(band, source.reshape(nodes * n, c), uplo="L", diag="U")
     return np.ascontiguousarray(solution).reshape(nodes, n, c)
+
+
+def _every(stack: np.ndarray, filter: Whitener) -> np.ndarray:
+    """What is kept until the filter has settled, at every node."""
+    return stack if len(stack) == len(filter.at) else stack[filter.at]
 
 
 def _rows(stack: np.ndarray, part: slice) -> np.ndarray:
