@@ -9,6 +9,7 @@ out channel by channel; sampling may be uneven.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,11 +20,12 @@ from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.transition import Taylor, Transition, log_gaussian
 from sim.integrate import Step, rk4_step
-from sim.maths import complex_step_jacobian
+from sim.maths import complex_step_jacobian, jacobian_in_one_call
 from sim.record import Record
 from sim.system import System
 
 SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
+_FEW = 6  # states and parameters below which column by column is the cheaper Jacobian
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ def _predict(ekf: Any, problem: FilterProblem, settings: FilterSettings, t: floa
     system, p, free, n_x = problem.system, problem.p, problem.free, len(problem.system.states)
     at = (ekf.x[:, 0] if point is None else point).tolist()
     F = np.zeros_like(ekf.P)
-    F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), at)
+    F[:n_x] = _jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(p, free, a[n_x:])), at)
     Phi, noise = settings.transition(F, problem.density, dt)
     moved = settings.step(system.f, t, at[:n_x], u, with_free(p, free, at[n_x:]), dt)
     if point is None:
@@ -144,12 +146,13 @@ def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, 
 
     at = (ekf.x[:, 0] if point is None else point).tolist()
     expected = np.array(outputs(at))
-    if point is not None:
-        expected = expected + complex_step_jacobian(outputs, at) @ (ekf.x[:, 0] - point)
     rows = np.flatnonzero(problem.valid[:, k])
+    slopes = _jacobian(outputs, at) if point is not None or rows.size else np.zeros((len(expected), len(at)))
+    if point is not None:
+        expected = expected + slopes @ (ekf.x[:, 0] - point)
     log_likelihood = nis = 0.0
     if rows.size:
-        H = complex_step_jacobian(outputs, at)[rows]
+        H = slopes[rows]
         ekf.update(
             problem.z[rows, k].reshape(-1, 1),
             lambda x: H,
@@ -167,3 +170,7 @@ def _update(ekf: Any, problem: FilterProblem, t: float, u: list[float], k: int, 
         if rows.size:
             keeper.innovation(k, rows, ekf.y[:, 0], ekf.S, H, log_likelihood, nis)
     return trouble
+
+
+def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
+    return complex_step_jacobian(function, x) if len(x) < _FEW else jacobian_in_one_call(function, x)

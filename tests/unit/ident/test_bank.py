@@ -129,7 +129,7 @@ def test_a_run_that_breaks_down_leaves_the_others_alone() -> None:
     alone = run_bank(record, compile_model(model, online=True), how, start=start[:, 1])
     np.testing.assert_allclose(bank.mean[:, 1], alone.mean[:, 0], rtol=1e-12)
     single = run_ekf(record, compile_model(model.with_values(dict(zip(FREE, wild, strict=True))), online=True), how)
-    assert single.outcome is Outcome.DIVERGED
+    assert single.outcome in (Outcome.DIVERGED, Outcome.INDEFINITE)  # which of the two comes first is a matter of rounding
 
 
 def test_names_what_does_not_fit() -> None:

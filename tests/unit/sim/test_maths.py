@@ -21,6 +21,7 @@ from sim.maths import (
     each_column,
     exp,
     interpolate,
+    jacobian_in_one_call,
     linear_recurrence,
     maximum,
     minimum,
@@ -84,6 +85,13 @@ def test_complex_step_jacobian_is_the_central_difference(x: list[float]) -> None
 
 def test_complex_step_jacobian_of_constants_and_of_another_size() -> None:
     np.testing.assert_array_equal(complex_step_jacobian(lambda x: [1.0, x[0] + 2.0 * x[2]], [1.0, 2.0, 3.0]), [[0.0, 0.0, 0.0], [1.0, 0.0, 2.0]])
+
+
+@given(st.lists(numbers.filter(lambda x: abs(x) > 1e-3), min_size=3, max_size=3))
+def test_jacobian_in_one_call_is_the_one_by_columns(x: list[float]) -> None:
+    expected = complex_step_jacobian(nonlinear, x)
+    np.testing.assert_allclose(jacobian_in_one_call(nonlinear, x), expected, rtol=1e-13, atol=1e-13 * np.max(np.abs(expected)))
+    np.testing.assert_array_equal(jacobian_in_one_call(lambda x: [1.0, x[0] + 2.0 * x[2]], [1.0, 2.0, 3.0]), [[0.0, 0.0, 0.0], [1.0, 0.0, 2.0]])
 
 
 @given(seeds, st.integers(2, 12))
