@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,7 +90,8 @@ class BankTrace:
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """What stays the same from sample to sample: ``walk`` densities of parameters, ``nudge`` the complex step of each column."""
+    """What stays the same from sample to sample: ``walk`` densities of parameters, ``nudge`` the complex step of each column,
+    ``channels`` with a sample at each time, ``R`` of all channels."""
 
     problem: FilterProblem
     runs: BankRuns
@@ -98,10 +99,11 @@ class _Bench:
     transition: RowTransition
     walk: np.ndarray | None
     nudge: np.ndarray
+    channels: list[np.ndarray]
+    R: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class _Updated:
+class _Updated(NamedTuple):
     """Outcome of an update: ``gained`` log-likelihood and ``squared`` innovation, innovation and its covariance, H and H P by channel."""
 
     x: np.ndarray
@@ -128,7 +130,8 @@ def run_pass(
     samples = problem.grid.sample.tolist()
     walk = problem.density[n_x:] if problem.walking else None
     nudge = (1j * COMPLEX_STEP) * np.eye(n)[:, :, None]
-    bench = _Bench(problem, runs, settings.step, settings.transition.of_rows(n_x, problem.density), walk, nudge)
+    channels = [np.flatnonzero(problem.valid[:, k]) for k in range(N)]
+    bench = _Bench(problem, runs, settings.step, settings.transition.of_rows(n_x, problem.density), walk, nudge, channels, np.diag(problem.variance))
     with np.errstate(all="ignore"):
         for k in range(N):
             point = None if about is None or not k else about[:, k - 1].copy()
@@ -153,7 +156,8 @@ def run_pass(
                 for row, i in enumerate(done.channels):
                     y, S = done.rows[:, row, n], done.rows[:, row, n + 1 + row]
                     history.innovation[i, k], history.innovation_std[i, k] = np.where(sound, y, 0.0), np.where(sound, np.sqrt(S), 1.0)
-    return BankPass(last_x, last_P, log_likelihood, nis, sound, history)
+    # What rounding left unsymmetric in between is of its own order; the rows of the states are mirrored in every step.
+    return BankPass(last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history)
 
 
 def empty_trace(problem: FilterProblem, B: int) -> BankTrace:
@@ -184,31 +188,35 @@ def _predict(bench: _Bench, s: int, x: np.ndarray, P: np.ndarray, point: np.ndar
     at = x if point is None else point
     values, F = values_and_jacobians(lambda a: system.f(t, a[:n_x], begin, with_free(runs.p, problem.free, a[n_x:])), at, bench.nudge)
     D, noise = bench.transition(F, dt)
-    start, first = list(at[:n_x]), list(values)
+    start, parameters = [at[:n_x]], with_free(runs.p, problem.free, list(at[n_x:]))
 
     def rates(t: Any, x: Sequence[Any], u: Sequence[Any], p: Sequence[Any]) -> list[Any]:
-        # At the start of the step the Jacobian's call has the rates already.
-        return first if x is start else system.f(t, x, u, p)
+        # All states as one row. At the start of the step the Jacobian's call has the rates already.
+        if x is start:
+            return [values]
+        out = np.empty_like(values)
+        for i, rate in enumerate(system.f(t, list(x[0]), u, p)):
+            out[i] = rate
+        return [out]
 
-    moved = bench.step(rates, t, start, (begin, middle, end), with_free(runs.p, problem.free, list(at[n_x:])), dt)
+    (moved,) = bench.step(rates, t, start, (begin, middle, end), parameters, dt)
     after = x.copy()
     if point is None:
-        for i, row in enumerate(moved):
-            after[i] = row
+        after[:n_x] = moved
     else:
         away = x - point
-        for i, row in enumerate(moved):
-            point[i] = row
+        point[:n_x] = moved
         after = point + away
         after[:n_x] += (D @ away.T[:, :, None])[:, :, 0].T
     rows = P[:, :n_x] + D @ P
-    rows[:, :, :n_x] += rows @ np.swapaxes(D, 1, 2)
+    rows[:, :, :n_x] += rows @ D.transpose(0, 2, 1)
     if noise is not None:
         rows += noise
     out = P.copy()
     out[:, :n_x] = rows
-    out[:, n_x:, :n_x] = np.swapaxes(rows[:, :, n_x:], 1, 2)
-    out[:, :n_x, :n_x] = 0.5 * (rows[:, :, :n_x] + np.swapaxes(rows[:, :, :n_x], 1, 2))
+    out[:, n_x:, :n_x] = rows[:, :, n_x:].transpose(0, 2, 1)
+    own_block = rows[:, :, :n_x]
+    out[:, :n_x, :n_x] = 0.5 * (own_block + own_block.transpose(0, 2, 1))
     if bench.walk is not None:
         own = np.arange(n_x, len(x))
         out[:, own, own] += bench.walk * dt
@@ -223,7 +231,7 @@ def _update(bench: _Bench, k: int, x: np.ndarray, P: np.ndarray, point: np.ndarr
     """
     problem, runs = bench.problem, bench.runs
     (n, B), n_x, sample = x.shape, len(problem.system.states), problem.grid.sample[k]
-    channels = np.flatnonzero(problem.valid[:, k])
+    channels, R = bench.channels[k], bench.R
     m = len(channels)
     if m == 0:
         return _Updated(x, P, np.zeros(B), np.zeros(B), channels, np.zeros((B, 0, n)), np.zeros((B, 0, n + 1)))
@@ -234,27 +242,25 @@ def _update(bench: _Bench, k: int, x: np.ndarray, P: np.ndarray, point: np.ndarr
         predicted = predicted + (H @ (x - point).T[:, :, None])[:, :, 0].T
     y = runs.z[:, k] - predicted
     if m < len(y):
-        y, H = y[channels], H[:, channels]
-    first = np.empty((B, m, n + 1 + m))
+        y, H, R = y[channels], H[:, channels], R[np.ix_(channels, channels)]
+    width = n + 1 + m
+    first = np.empty((B, m, width))
     first[:, :, :n], first[:, :, n] = H @ P, y.T
-    first[:, :, n + 1 :] = first[:, :, :n] @ np.swapaxes(H, 1, 2)
-    for i, channel in enumerate(channels):
-        first[:, i, n + 1 + i] += problem.variance[channel]
+    first[:, :, n + 1 :] = first[:, :, :n] @ H.transpose(0, 2, 1) + R
     rows = first.copy()
     for i in range(m - 1):
         for j in range(i + 1, m):
             rows[:, j] -= (rows[:, j, n + 1 + i] / rows[:, i, n + 1 + i])[:, None] * rows[:, i]
-    variance = np.diagonal(rows[:, :, n + 1 :], axis1=1, axis2=2)
-    change = np.swapaxes(rows[:, :, :n], 1, 2) @ (rows[:, :, : n + 1] / variance[:, :, None])
+    variance = rows.reshape(B, -1)[:, n + 1 :: width + 1]
+    change = rows[:, :, :n].transpose(0, 2, 1) @ (rows[:, :, : n + 1] / variance[:, :, None])
     squared = (rows[:, :, n] ** 2 / variance).sum(axis=1)
-    P = P - change[:, :, :n]
     gained = -0.5 * (squared + np.log(variance).sum(axis=1) + m * LOG_TWO_PI)
-    return _Updated(x + change[:, :, n].T, 0.5 * (P + np.swapaxes(P, 1, 2)), gained, squared, channels, H, first)
+    return _Updated(x + change[:, :, n].T, P - change[:, :, :n], gained, squared, channels, H, first)
 
 
 def _all_sound(x: np.ndarray, P: np.ndarray, squared: np.ndarray) -> bool:
     """Whether every run surely holds numbers that serve; sums of squares are the cheapest bound, and a NaN fails the comparison."""
-    return bool(np.vdot(P, P) + np.vdot(x, x) + np.vdot(squared, squared) < LARGEST**2 and np.diagonal(P, axis1=1, axis2=2).min() >= 0.0)
+    return bool(np.vdot(P, P) + np.vdot(x, x) + np.vdot(squared, squared) < LARGEST**2 and P.reshape(len(P), -1)[:, :: P.shape[2] + 1].min() >= 0.0)
 
 
 def _sound(x: np.ndarray, P: np.ndarray) -> np.ndarray:

@@ -23,14 +23,14 @@ def exact_response(v: Mapping[str, float], stick: np.ndarray, step: float, late:
     """Outputs ``(3, N)`` from rest for a stick held over ``step`` s and delayed by ``late`` whole steps, by the matrix exponential."""
     block = np.zeros((5, 5))
     for column in range(4):
-        unit = [1.0 if i == column else 0.0 for i in range(4)]
+        alpha, q, delta, stick_now = (1.0 if i == column else 0.0 for i in range(4))
         free = {**v, "L_0": 0.0, "M_0": 0.0, "delta_0": 0.0}
-        block[:3, column] = rates_and_readings(free, *unit)[0]
+        block[:3, column] = rates_and_readings(free, alpha, q, delta, stick_now)[0]
     block[:3, 4] = [v["L_0"], v["M_0"], v["delta_0"]]
     jump = expm(block * step)
     delayed = np.concatenate([np.full(late, stick[0]), stick])[: len(stick)]
     state, rows = np.zeros(3), []
     for u in delayed:
-        rows.append(rates_and_readings(v, *state, u)[1])
+        rows.append(rates_and_readings(v, state[0], state[1], state[2], u)[1])
         state = jump[:3, :3] @ state + jump[:3, 3] * u + jump[:3, 4]
     return np.array(rows).T
