@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import linear_recurrence, real, trailing, where
+from sim.maths import each_column, linear_recurrence, real, where
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe, late_times
 
@@ -54,14 +54,8 @@ class ActuatorLag:
 
         With E = exp(-h/T): y(h) = u + (y0 - u) E, and its mean is u - (u - y0) (T/h) (1 - E).
         """
-        u, lag = np.asarray(u), np.asarray(p.time_constant)
-        depth = max(lag.ndim, u.ndim - 1)
-        u, h = trailing(u, depth), trailing(np.diff(edges), depth)
-        # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
-        acts = lag.real > 0
-        reached = np.where(acts, -np.expm1(-h / np.where(acts, lag, 1.0)), 1.0)
-        y = linear_recurrence(1.0 - reached, reached * u, u[0])
-        return u - (u - y[:-1]) * (lag / h * reached)
+        h = np.diff(edges)
+        return each_column(lambda row, lag: _lagged(h, row, lag), u, p.time_constant)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
         acts = real(p.time_constant) > 0
@@ -69,6 +63,13 @@ class ActuatorLag:
 
     def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
         return where(real(p.time_constant) > 0, x[0], v)
+
+
+def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
+    # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+    reached = -np.expm1(-h / lag) if lag.real > 0 else np.ones_like(h)
+    y = linear_recurrence(1.0 - reached, reached * u, u[0])
+    return u - (u - y[:-1]) * (lag / h * reached)
 
 
 VARIANTS: tuple[Effect, ...] = (ActuatorLag(),)

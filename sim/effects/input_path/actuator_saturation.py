@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import clip, trailing
+from sim.maths import clip, each_column
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe, shares_of_peak
 
@@ -62,8 +60,7 @@ class ActuatorSaturation:
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""
-        u, limit = np.asarray(u), np.asarray(p.limit)
-        return self.pass_on(trailing(u, max(limit.ndim, u.ndim - 1)), (), p)
+        return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
 
     def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
         return ()
