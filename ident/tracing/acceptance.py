@@ -24,6 +24,7 @@ from sim.effect import Effect
 from sim.record import Record
 
 LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below
+DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,16 @@ def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] 
     """
     shared = node.values.shared
     frozen = _fit_other(node, records, masks, shared, None)
-    return HeldOut(frozen, _fit_other(node, records, masks, shared, training_prior(node)) if informed else None)
+    if not informed:
+        return HeldOut(frozen, None)
+    return HeldOut(frozen, _fit_other(node, records, masks, shared, training_prior(node)))
+
+
+def doubted(out: HeldOut) -> bool:
+    """Whether what remains on held-out data under training's knowledge is hardly noise."""
+    if out.informed is None:
+        return False
+    return min((test.p_value for test in whiteness(out.informed, "held out")), default=1.0) < DOUBT
 
 
 def _fit_other(
@@ -81,7 +91,9 @@ def _fit_set(
     layout = lay_out(records, system, settings, local=local, masks=masks)
     begin, guesses = carried(layout, None if from_node is None else from_node.values, start)
     layout = lay_out(records, system, settings, local=local, masks=masks, start=begin)
-    fit = fit_whole_records(layout if prior is None else replace(layout, prior=prior), guesses)
+    if prior is not None:
+        layout = replace(layout, prior=prior)
+    fit = fit_whole_records(layout, guesses)
     return None if fit is None else Node(tuple(effects), node.declared, full, system, fit, 0.0, 0)
 
 

@@ -56,7 +56,7 @@ def diagnose(
         seconds[name] = clock.perf_counter() - started - sum(seconds.values())
 
     progress("fitting the declared model", 0.0)
-    search = Search(records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress)
+    search = Search(records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress, beside=validation)
     root = search.fit((), None)
     if root is None:
         raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check units and starting values")

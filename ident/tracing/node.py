@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.fit import Fit, fit_whole_records
-from ident.fit_layout import FitLayout, FitSettings, lay_out
+from ident.fit_layout import FitLayout, FitSettings, Prior, lay_out
 from sim.effect import Effect, full_name
 from sim.model import Model
 from sim.record import Record
@@ -105,13 +105,26 @@ def fit_set(
     if values is not None or added:
         start, guesses = carried(plain, values, added or {})
         plain = lay_out(records, system, settings, local=local, masks=masks, start=start)
-    fit = fit_whole_records(plain, guesses)
+    fit = fit_whole_records(replace(plain, prior=effect_prior(effects, plain)), guesses)
     if fit is None:
         return None
     count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
     events = sum(1 for effect in effects if is_event(effect))
     criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
     return Node(tuple(effects), model, full, system, fit, float(criterion), count)
+
+
+def effect_prior(effects: Sequence[Effect], layout: FitLayout) -> Prior | None:
+    """The Gaussian priors that effects declare for their parameters: they keep what no record excites from running away."""
+    known = {full_name(effect, item.name): item for effect in effects for item in effect.parameters if item.free and np.isfinite(item.prior_std)}
+    at, means, weights = [], [], []
+    for position, name in enumerate(layout.names):
+        item = known.get(name.partition(", record")[0])
+        if item is not None:
+            at.append(position)
+            means.append(0.0 if item.name.startswith("shape") else item.value)
+            weights.append(item.prior_std**-2)
+    return Prior(np.array(at), np.array(means), np.diag(weights)) if at else None
 
 
 def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]) -> tuple[np.ndarray, list[np.ndarray] | None]:

@@ -11,8 +11,12 @@ from sim.record import Record
 from sim.tracing import Occasion
 
 
-def occasion_at(node: Node) -> Occasion:
-    """The common occasion of a node's records: the longest span, the largest inputs, the ranges as fitted."""
+def occasion_at(node: Node, beside: Sequence[Record] = ()) -> Occasion:
+    """The common occasion of a node's records: the longest span, the largest inputs, the ranges as fitted.
+
+    ``beside`` are records that the model must serve as well: what they fly through widens the ranges (the outermost
+    hundredth of an output's samples left out, against spikes).
+    """
     fit, layout = node.fit, node.fit.layout
     records = [problem.record for problem in layout.problems]
     longest = max(records, key=lambda record: record.time[-1] - record.time[0])
@@ -35,6 +39,13 @@ def occasion_at(node: Node) -> Occasion:
             low, high = min(float(r[i].min()) for r in rows), max(float(r[i].max()) for r in rows)
             flown.setdefault(name, (low, high))
             states.setdefault(name, max(abs(low), abs(high)))
+    for record in beside:
+        for channel in record.channels:
+            values = channel.values[channel.valid]
+            edges = (0.0, 1.0) if channel.name in record.input_names else (0.005, 0.995)
+            low, high = (float(v) for v in np.quantile(values, edges))
+            if channel.name in flown:
+                flown[channel.name] = (min(low, flown[channel.name][0]), max(high, flown[channel.name][1]))
     return Occasion(
         begin=float(longest.time[0]),
         end=float(longest.time[-1]),

@@ -16,7 +16,7 @@ from ident.fit_layout import FitSettings
 from ident.information import inverse_information
 from ident.residuals import ljung_box
 from ident.tracing.diagnosis import Candidate, Quantity, Step
-from ident.tracing.node import Node, fit_set
+from ident.tracing.node import Node, fit_set, is_event
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import Finding, collinear, screen
 from ident.tracing.settings import TraceSettings
@@ -26,6 +26,8 @@ from sim.record import Record
 from sim.tracing import Refinable
 
 COLLINEAR = 0.9
+FEW = 3  # samples
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
 HOPELESS = 0.2
 
 
@@ -33,7 +35,8 @@ HOPELESS = 0.2
 class Search:
     """What one search knows and gathers on its way: fitted nodes, their scores, steps and evidence.
 
-    A node's score is that of its parent less the gain, see ``gain``; the root's is its criterion.
+    A node's score is that of its parent less the gain, see ``gain``; the root's is its criterion. ``beside`` are records that will be
+    predicted: only the ranges they fly through are used.
     """
 
     records: Sequence[Record]
@@ -49,6 +52,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     evidence: list[Candidate] = field(default_factory=list)
     totals: dict[frozenset[str], float] = field(default_factory=dict)
+    beside: Sequence[Record] = ()
 
     def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
         """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
@@ -59,7 +63,8 @@ class Search:
     def gain(self, parent: Node, child: Node) -> float:
         """By how much an addition lowers the score: twice the log-likelihood gain over the unevenness, less its price."""
         price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
-        return 2.0 * (parent.fit.cost - child.fit.cost) / unevenness(parent, child) - price
+        brought = 2.0 * (parent.fit.cost - child.fit.cost)
+        return min(brought / unevenness(parent, child), brought - few_samples(parent, child) + 0.5 * self.settings.accept) - price
 
     def keep(self, node: Node, score: float) -> None:
         """Remember a node, the better one where a set was fitted twice."""
@@ -84,6 +89,16 @@ def unevenness(parent: Node, child: Node) -> float:
         top += float(np.sum(c**2 * e**2))
         bottom += float(np.sum(c**2))
     return max(1.0, top / bottom) if bottom > 0 else 1.0
+
+
+def few_samples(parent: Node, child: Node) -> float:
+    """What the three most improved samples alone bring, in units of twice the log likelihood: evidence must not hang on so few."""
+    best: list[float] = []
+    sigma = np.sqrt(child.fit.variance)[:, None]
+    for before, after in zip(parent.fit.residuals, child.fit.residuals, strict=True):
+        gained = np.sum((before / sigma) ** 2 - (after / sigma) ** 2, axis=0)
+        best += np.sort(gained)[-FEW:].tolist()
+    return float(sum(value for value in sorted(best)[-FEW:] if value > 0))
 
 
 def grow(search: Search, root: Node) -> Node:
@@ -123,7 +138,7 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
     if key in search.expanded:
         return []
     search.expanded.add(key)
-    findings = screen(node, search.candidates, occasion_at(node))
+    findings = screen(node, search.candidates, occasion_at(node, search.beside))
     search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
     accepted: list[Node] = []
     tried, most = 0, 0.0
@@ -142,6 +157,8 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
             continue
         lowered = search.gain(node, child)
         if lowered > search.settings.accept:
+            child = _placed_better(search, child, finding.effect)
+            lowered = search.gain(node, child)
             search.keep(child, search.score(node) - lowered)
             search.steps.append(
                 Step(child.names, search.score(child), child.fit.log_likelihood, f"{finding.effect.name} lowers the criterion by {lowered:.1f}")
@@ -215,6 +232,22 @@ def _best_fit(search: Search, node: Node, finding: Finding) -> Node | None:
         if child is not None and (best is None or child.fit.cost < best.fit.cost):
             best = child
     return best
+
+
+def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
+    """An event moved a little to both sides: its time has local optima where the motion has died out."""
+    if not is_event(effect):
+        return child
+    name = full_name(effect, effect.onset)  # type: ignore[attr-defined]
+    values = child.values
+    at = values.own[0].get(name, values.shared.get(name))
+    if at is None:
+        return child
+    for shift in SHIFTS:
+        moved = search.fit(child.effects, child, {name: at + shift}, rough=True)
+        if moved is not None and moved.fit.cost < child.fit.cost - 0.5:
+            child = moved
+    return child
 
 
 def _price(search: Search, node: Node, finding: Finding) -> float:

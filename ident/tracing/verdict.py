@@ -8,12 +8,13 @@ import numpy as np
 
 from ident.fit import Fit
 from ident.residuals import ResidualTest
-from ident.tracing.acceptance import HeldOut, held_out
-from ident.tracing.diagnosis import Claim, Verdict
+from ident.tracing.acceptance import HeldOut, doubted, held_out
+from ident.tracing.diagnosis import Claim, Step, Verdict
 from ident.tracing.node import Node
 from ident.tracing.search import Search, refined
 from ident.tracing.settings import TraceSettings
 from sim.record import Record
+from sim.tracing import Refinable
 
 GUARD = "guard:"
 AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out together, below which two names are equal
@@ -25,6 +26,7 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record]) -
     out = held_out(best, validation, None) if validation else HeldOut(None, None)
     if not best.effects:
         return best, out
+    best, out = _in_freer_form(search, best, out, validation)
     total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
     nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
     for node in _near(search, best):
@@ -35,6 +37,23 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record]) -
     chosen = min(total, key=lambda key: total[key])
     search.totals = total
     return nodes[chosen], outs[chosen]
+
+
+def _in_freer_form(search: Search, best: Node, out: HeldOut, validation: Sequence[Record]) -> tuple[Node, HeldOut]:
+    """The same causes in their freer forms, where held-out data ask for it: other levels of input show more of a curve."""
+    if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
+        return best, out
+    effects = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in best.effects)
+    finer = search.fit(effects, best)
+    if finer is None:
+        return best, out
+    other = held_out(finer, validation, None)
+    if other.informed is None or out.informed is None or other.informed.cost >= out.informed.cost or doubted(other):
+        return best, out
+    search.keep(finer, search.score(best))
+    search.nodes[frozenset(best.names)] = finer
+    search.steps.append(Step(finer.names, search.score(finer), finer.fit.log_likelihood, "freer forms, for what the held-out data show of them"))
+    return finer, other
 
 
 def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:

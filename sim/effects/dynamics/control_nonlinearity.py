@@ -60,7 +60,11 @@ class ControlNonlinearity:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        shapes = tuple(Parameter(name, -self.size / (1.0 + i), self.unit) for i, name in enumerate(shape_names(self.fine)))
+        # What the input does not reach must not run away: no shape adds more than the deflection itself.
+        widest = max(abs(self.low), abs(self.high))
+        shapes = tuple(
+            Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i)) for i, name in enumerate(shape_names(self.fine))
+        )
         return (*shapes, Parameter("lift_share", 1.0, "1", prior_std=1.0, bounds=(-10.0, 10.0), free=self.share_free))
 
     @property
