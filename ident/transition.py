@@ -49,7 +49,9 @@ class Taylor:
 
     def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
         driven, terms = np.flatnonzero(density), self.terms
-        walking, width = driven >= r, driven.size
+        walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
+        # One driven entry, the usual case, is a slice, which is cheaper than an index array.
+        chosen = slice(driven[0], driven[0] + 1) if width == 1 else driven
         identity = np.eye(r, len(density))[:, driven]
         # With M_0 = I and M_k = F^k dt^k / k!, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
         order = np.arange(terms)
@@ -68,11 +70,11 @@ class Taylor:
             columns = np.empty((*F.shape[:-1], terms * width))
             columns[..., :width] = identity
             for k, M in enumerate(powers, start=1):
-                columns[..., k * width : (k + 1) * width] = M[..., driven]
+                columns[..., k * width : (k + 1) * width] = M[..., chosen]
             weighed = columns @ (share * dt)
             noise = np.zeros_like(F)
             noise[..., :r] = weighed @ np.swapaxes(columns, -1, -2)
-            if walking.any():
+            if walks:
                 noise[..., driven[walking]] = weighed[..., :width][..., walking]
             return D, noise
 
