@@ -6,7 +6,7 @@ The same filter as `ident.ekf`, with runs on a batch axis (`ident.bank_pass`); i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -61,6 +61,7 @@ def run_bank(
     z: np.ndarray | None = None,
     held: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
+    covariance: np.ndarray | None = None,
     keep: bool = False,
 ) -> BankEstimate:
     """Run B filters over one time base.
@@ -74,15 +75,21 @@ def run_bank(
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
     held : values of held parameters by name, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
     start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when None.
+    covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all when None.
     keep : also return histories of means and innovations.
 
     Raises
     ------
-    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs that differ.
+    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs that differ; a covariance of each
+        run with several passes.
     """
     settings = settings or FilterSettings()
     problem, runs = bank_runs(record, system, settings, z=z, held=held, start=start)
     n_x, count = len(system.states), runs.start.shape[1]
+    if covariance is not None:
+        if settings.passes > 1 or covariance.shape != (count, *problem.covariance.shape):
+            raise ModelError("a covariance for each run is for one pass of as many runs", where="bank", remedy="call it once for each pass")
+        problem = replace(problem, covariance=covariance)
 
     result, iterations = run_pass(problem, settings, runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.bank import run_bank
+from ident.bank import BankEstimate, run_bank
+from ident.ekf import SETTLED
 from scenarios.declaration import Estimation, Scenario
 from scenarios.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
-from scenarios.flying import fly_scenario
-from scenarios.run import assumed_noise
+from scenarios.flying import fly_scenario, measured_again
+from scenarios.run import assumed_noise, references
 from sim.record import Record
+from sim.system import System
 from sim.truth import Truth, remeasure
-from sim.vehicles.condensation import condense
-from sim.vehicles.library import read_parameter_set
 
 CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
 
@@ -63,7 +63,7 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
     first = scenario.seed if seed is None else seed
     estimation = scenario.estimations[0]
     record, truth = fly_scenario(scenario, first)
-    records = [_record(scenario, record, truth, s) for s in range(first, first + runs)]
+    records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
     model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
     if estimation.method == "ekf":
         names, values, std, sound = _bank(estimation, records, model)
@@ -73,8 +73,7 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
         values, std = np.array([e.values for e in done]).T, np.array([e.std for e in done]).T
         sound = np.array([e.outcome.code == "converged" for e in done])
     reference = {item.name: item.value for item in truth.parameters}
-    if scenario.condensed:
-        reference |= condense(read_parameter_set(scenario.flight.vehicle).values, scenario.flight.modes).derivatives
+    reference |= references(scenario, estimation)
     units = {item.name: item.unit for item in model.parameters}
     values, std = values[:, sound], std[:, sound]
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
@@ -93,9 +92,12 @@ def wilson(hits: int, total: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def _record(scenario: Scenario, record: Record, truth: Truth, seed: int) -> Record:
+def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
     if scenario.flight.process_noise:
-        return fly_scenario(scenario, seed)[0]
+        record, truth = fly_scenario(scenario, seed)
+        return measured_again(record, truth, estimation.flown_noise_std, seed) if estimation.flown_noise_std else record
+    if estimation.flown_noise_std:
+        return measured_again(record, truth, estimation.flown_noise_std, seed)
     return remeasure(record, truth, np.random.default_rng(seed))
 
 
@@ -105,13 +107,41 @@ def _bank(estimation: Estimation, records: list[Record], model):  # type: ignore
     for start in range(0, len(records), CHUNK):
         part = records[start : start + CHUNK]
         z = np.stack([each.output_array(system.output_names)[0] for each in part], axis=2)
-        bank = run_bank(part[0], system, settings, z=z)
         n_x = len(system.states)
+        if math.isinf(estimation.spread):
+            bank = run_bank(part[0], system, settings, z=z)
+            mean, std, sound = bank.mean[n_x:], bank.std[n_x:], bank.sound
+        else:
+            bank = run_bank(part[0], system, replace(settings, passes=1), z=z)
+            mean, std, sound = _narrowed_passes(estimation, part[0], system, bank, z)
         names = bank.names[n_x:]
-        means.append(bank.mean[n_x:])
-        stds.append(bank.std[n_x:])
-        sounds.append(bank.sound)
+        means.append(mean)
+        stds.append(std)
+        sounds.append(sound)
     return names, np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.concatenate(sounds)
+
+
+def _narrowed_passes(
+    estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, sigmas and soundness after further passes, each run started and narrowed by its own result, as `scenarios.estimating` does it."""
+    settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
+    declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
+    first = np.array(system.initial.values())
+    mean, std, sound = bank.mean[n_x:].copy(), bank.std[n_x:].copy(), bank.sound.copy()
+    active = np.flatnonzero(sound)
+    for _ in range(1, estimation.passes):
+        if active.size == 0:
+            break
+        prior = np.repeat(declared[:, None], active.size, axis=1)
+        prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std[:, active])
+        start = np.concatenate([np.repeat(first[:, None], active.size, axis=1), mean[:, active]])
+        covariance = prior.T[:, :, None] ** 2 * np.eye(len(declared))
+        again = run_bank(record, system, settings, z=z[:, :, active], start=start, covariance=covariance)
+        moved = np.max(np.abs(again.mean[n_x:] - mean[:, active]) / std[:, active], axis=0, initial=0.0)
+        mean[:, active], std[:, active], sound[active] = again.mean[n_x:], again.std[n_x:], again.sound
+        active = active[again.sound & (moved >= SETTLED)]
+    return mean, std, sound
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:

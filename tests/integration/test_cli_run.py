@@ -239,10 +239,12 @@ def test_campaign_counts_what_the_intervals_hold(flightid: CommandLine, tmp_path
     assert content["pooled"]["within_two_sigma"] == pytest.approx(sum(hits.values()) / 120)
 
 
-def test_a_run_of_a_campaign_is_the_run_of_that_seed(flightid: CommandLine, tmp_path: Path) -> None:
+@pytest.mark.parametrize("keys", [("passes=1",), ("passes=4",), ("passes=4", "spread=20"), ("method=output-error",)])
+def test_a_run_of_a_campaign_is_the_run_of_that_seed(flightid: CommandLine, tmp_path: Path, keys: tuple[str, ...]) -> None:
     scenario = small(tmp_path / "short.toml")
-    flightid.done("campaign", scenario, "--runs", 2, "--seed", 6, "--out", tmp_path / "many")
-    flightid.done("run", scenario, "--no-figures", "--seed", 7, "--out", tmp_path / "one")
+    changes = [text for key in keys for text in ("--set", f"estimate.{key}")]
+    flightid.done("campaign", scenario, "--runs", 2, "--seed", 6, *changes, "--out", tmp_path / "many")
+    flightid.done("run", scenario, "--no-figures", "--seed", 7, *changes, "--out", tmp_path / "one")
     rows = list(csv.DictReader((tmp_path / "many" / "estimates.csv").read_text().splitlines()))
     for name, row in strict(tmp_path / "one" / "comparison.json")["parameters"].items():
         assert float(rows[1][name]) == pytest.approx(row["estimate"], rel=1e-9)

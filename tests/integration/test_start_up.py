@@ -42,7 +42,8 @@ def test_help_and_list_import_nothing_heavy(arguments: tuple[str, ...]) -> None:
 
 def test_help_starts_fast() -> None:
     code = "import sys; from scenarios.cli import main; main(['--help'])"
-    bare, helped = [], []
+    bare: list[float] = []
+    helped: list[float] = []
     for _ in range(3):  # the fastest of three, as a multiple of an empty interpreter's start: other work on the machine slows both
         for times, text in ((bare, "pass"), (helped, code)):
             begun = time.perf_counter()
