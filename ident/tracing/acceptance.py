@@ -17,7 +17,7 @@ from ident.fit_layout import Prior, lay_out
 from ident.information import inverse_information
 from ident.residuals import ResidualTest, ljung_box
 from ident.tracing.diagnosis import ErrorFigures
-from ident.tracing.node import Node, belongs_to_record, carried, compiled_with, free_names
+from ident.tracing.node import Node, belongs_to_record, carried, compiled_with, fit_as_declared, free_names, levels_of
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import screen
 from sim.effect import Effect
@@ -93,7 +93,8 @@ def _fit_set(
     layout = lay_out(records, system, settings, local=local, masks=masks, start=begin)
     if prior is not None:
         layout = replace(layout, prior=prior)
-    fit = fit_whole_records(layout, guesses)
+    # A free simulation has no filter; under training's knowledge the random motion is that of training.
+    fit = fit_whole_records(layout, guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(node))
     return None if fit is None else Node(tuple(effects), node.declared, full, system, fit, 0.0, 0)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.filter_error import noise_levels
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.node import Node, is_event
 from ident.tracing.outliers import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
@@ -97,7 +98,7 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
 
 
 def _sigma(node: Node, channel: str) -> float:
-    return float(np.sqrt(node.fit.variance[node.system.output_names.index(channel)]))
+    return float(noise_levels(node.fit)[channel])
 
 
 def _near_events(node: Node, r: int, record: Record) -> np.ndarray:

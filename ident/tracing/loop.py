@@ -7,8 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from ident.estimate import Estimate
+from ident.filter_error import filter_error_estimate, noise_levels
 from ident.modal import modal_estimate
 from ident.output_error import estimate_of
+from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness
 from ident.tracing.cleaning import cleaned_inputs, measured_masks, spike_claims, spike_masks
@@ -139,7 +142,7 @@ def _diagnosis(
         _derived(best),
         error_figures([p.before for p in predictions], shown, masks, channels),
         error_figures([p.after for p in predictions], shown, masks, channels),
-        {name: float(np.sqrt(v)) for name, v in zip(best.system.output_names, best.fit.variance, strict=True) if name in channels},
+        {name: std for name, std in noise_levels(best.fit).items() if name in channels},
         bool(validation),
         tests[0],
         tests[1],
@@ -148,7 +151,7 @@ def _diagnosis(
         tuple(warnings),
         tuple(predictions),
         tuple(
-            FittedRecord(record, best.system.output_names, root.fit.residuals[r], best.fit.residuals[r], search.masks[r])
+            FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), search.masks[r])
             for r, record in enumerate(search.records)
         ),
         dict(seconds),
@@ -168,7 +171,7 @@ def spike_masks_of(fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:  # typ
 
 def _derivatives(search: Search, node: Node) -> dict[str, Quantity]:
     """Shared parameters of the declared model, with corrected sigmas."""
-    estimate = estimate_of(node.fit)
+    estimate = _estimate(node)
     declared = set(search.model.parameters.names)
     return {
         name: Quantity(float(value), max(float(std), 1e-300), unit)
@@ -181,4 +184,16 @@ def _derived(node: Node) -> dict[str, Quantity]:
     if not node.system.inputs:
         return {}
     units = {"natural_frequency": "rad/s", "damping_ratio": "1"}
-    return {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, estimate_of(node.fit)).items()}
+    return {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, _estimate(node)).items()}
+
+
+def _estimate(node: Node) -> Estimate:
+    return filter_error_estimate(node.fit) if is_forced(node.system) else estimate_of(node.fit)
+
+
+def _in_units(node: Node, r: int) -> np.ndarray:
+    """Residuals in the outputs' units; innovations, which have variance one, times the noise of their output."""
+    if not is_forced(node.system):
+        return node.fit.residuals[r]
+    levels = noise_levels(node.fit)
+    return node.fit.residuals[r] * np.array([levels[name] for name in node.system.output_names])[:, None]

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.filter_error import fit_with_process_noise, noise_levels
 from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitLayout, FitSettings, Prior, lay_out
+from ident.process_noise import is_forced
 from sim.effect import Effect, full_name
 from sim.model import Model
 from sim.record import Record
@@ -93,8 +95,11 @@ def fit_set(
     event_cost: float,
     values: Values | None = None,
     added: Mapping[str, float] | None = None,
+    levels: Mapping[str, float] | None = None,
 ) -> Node | None:
     """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
+
+    ``levels`` of the noise, of a set with process noise, are a warm start for another such set.
 
     None where the fit found no finite cost.
     """
@@ -105,13 +110,25 @@ def fit_set(
     if values is not None or added:
         start, guesses = carried(plain, values, added or {})
         plain = lay_out(records, system, settings, local=local, masks=masks, start=start)
-    fit = fit_whole_records(replace(plain, prior=effect_prior(effects, plain)), guesses)
+    fit = fit_as_declared(replace(plain, prior=effect_prior(effects, plain)), guesses, levels)
     if fit is None:
         return None
     count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
     events = sum(1 for effect in effects if is_event(effect))
     criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
     return Node(tuple(effects), model, full, system, fit, float(criterion), count)
+
+
+def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:
+    """A whole-record fit, with a filter where random motion forces a state."""
+    if is_forced(layout.system):
+        return fit_with_process_noise(layout, guesses, levels)
+    return fit_whole_records(layout, guesses)
+
+
+def levels_of(node: Node) -> Mapping[str, float] | None:
+    """Noise levels of a node with process noise; None where there is none."""
+    return noise_levels(node.fit) if node.fit.layout.weighing.names else None
 
 
 def effect_prior(effects: Sequence[Effect], layout: FitLayout) -> Prior | None:

@@ -38,7 +38,7 @@ def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray)
     """False at samples that stand alone above their six neighbours, ``(m, N)``; ``edges (N,)`` True near a switch of an input."""
     keep = np.ones_like(valid)
     for i in range(len(residual)):
-        away = _from_neighbours(residual[i], valid[i])
+        away = from_neighbours(residual[i], valid[i])
         sigma = robust_sigma(away[valid[i]])
         if sigma > 0:
             keep[i] = ~(_isolated(np.abs(away) > PROVISIONAL * sigma) & ~edges)
@@ -94,7 +94,7 @@ def input_spikes(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(found) + 1
 
 
-def _from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Each sample minus the median of its six valid neighbours; zero where it is missing."""
     at = np.flatnonzero(valid)
     out = np.zeros_like(series)

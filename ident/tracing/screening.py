@@ -44,7 +44,6 @@ class _Whitened:
 
     e: np.ndarray
     Q: np.ndarray
-    weight: tuple[np.ndarray, ...]
     rows: tuple[slice, ...]
 
 
@@ -72,21 +71,19 @@ def collinear(a: Finding, b: Finding) -> float:
 
 def _whitened(node: Node) -> _Whitened:
     fit, layout = node.fit, node.fit.layout
-    weight, rows, parts, at = [], [], [], 0
-    n = len(fit.theta)
-    J = np.zeros((int(sum(problem.valid.size for problem in layout.problems)), n))
-    for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
+    sizes = [problem.valid.size for problem in layout.problems]
+    ends = np.cumsum(sizes)
+    rows = tuple(slice(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True))
+    J = np.zeros((int(ends[-1]), len(fit.theta)))
+    e = np.zeros(int(ends[-1]))
+    for r, (problem, at) in enumerate(zip(layout.problems, rows, strict=True)):
         w = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-        size = w.size
-        weight.append(w)
-        rows.append(slice(at, at + size))
-        parts.append((fit.residuals[r] * w).ravel())
-        J[at : at + size, layout.columns(r)] = (line.jacobian * w[:, :, None]).reshape(size, -1)
-        at += size
+        J[at, layout.columns(r)] = (fit.jacobians[r] * w[:, :, None]).reshape(sizes[r], -1)
+        e[at] = (fit.residuals[r] * w).ravel()
     scale = np.linalg.norm(J, axis=0)
-    Q, _ = np.linalg.qr(J / np.where(scale > 0, scale, 1.0))
-    e = np.concatenate(parts)
-    return _Whitened(e - Q @ (Q.T @ e), Q, tuple(weight), tuple(rows))
+    acting = scale > 0
+    Q, _ = np.linalg.qr(J[:, acting] / scale[acting])
+    return _Whitened(e - Q @ (Q.T @ e), Q, rows)
 
 
 def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most: int) -> Finding | None:
@@ -104,7 +101,7 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
     spans = white.rows if apart else (slice(None),)
     for probe, parts in zip(probes, signatures, strict=True):
         places = _places(node, probe, onset)
-        blocks = _placed(parts, white, places)
+        blocks = _placed(node, parts, white, places)
         gains = np.zeros(len(places))
         amplitudes, contribution = np.zeros((len(places), blocks.shape[2])), np.zeros(blocks.shape[:2])
         for rows in spans:
@@ -144,18 +141,21 @@ def _places(node: Node, probe: Probe, onset: str) -> list[int]:
     return list(range(0, longest - 2, max(1, longest // PLACES)))
 
 
-def _placed(parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
+def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
     """Whitened signature at each place, ``(places, D, k)``.
 
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
-    out = np.zeros((len(places), len(white.e), parts[0].shape[2]))
-    for part, w, rows in zip(parts, white.weight, white.rows, strict=True):
+    k = parts[0].shape[2]
+    out = np.zeros((len(places), len(white.e), k))
+    for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
+        m, N = part.shape[:2]
+        moved = np.zeros((m, N, len(places), k))
         for number, shift in enumerate(places):
-            moved = np.zeros_like(part)
-            if shift < part.shape[1]:
-                moved[:, shift:] = part[:, : part.shape[1] - shift]
-            out[number, rows] = (moved * w[:, :, None]).reshape(-1, part.shape[2])
+            if shift < N:
+                moved[:, shift:, number] = part[:, : N - shift]
+        standard = node.fit.whiten(r, moved.reshape(m, N, -1)).reshape(m * N, len(places), k)
+        out[:, rows] = standard.transpose(1, 0, 2)
     return out
 
 

@@ -12,21 +12,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.filter_error import turbulence_worth_trying
 from ident.fit_layout import FitSettings
 from ident.information import inverse_information
+from ident.process_noise import is_forced
 from ident.residuals import ljung_box
 from ident.tracing.diagnosis import Candidate, Quantity, Step
-from ident.tracing.node import Node, fit_set, is_event
+from ident.tracing.node import Node, fit_set, free_names, is_event, levels_of
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import Finding, collinear, screen
 from ident.tracing.settings import TraceSettings
-from sim.effect import Effect, full_name
+from sim.effect import Effect, NoiseEffect, full_name
 from sim.model import Model
 from sim.record import Record
 from sim.tracing import Refinable
 
 COLLINEAR = 0.9
 FEW = 3  # samples
+WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
 HOPELESS = 0.2
 
@@ -57,13 +60,15 @@ class Search:
     def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
         """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
         settings = FitSettings(max_step=self.settings.max_step, iterations=20 if rough else 60, tolerance=0.03 if rough else 1e-3)
-        values = start.values if start is not None else None
-        return fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added)
+        values, levels = (None, None) if start is None else (start.values, levels_of(start))
+        return fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
 
     def gain(self, parent: Node, child: Node) -> float:
         """By how much an addition lowers the score: twice the log-likelihood gain over the unevenness, less its price."""
         price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
         brought = 2.0 * (parent.fit.cost - child.fit.cost)
+        if is_forced(child.system) and not is_forced(parent.system):
+            return brought - price
         return min(brought / unevenness(parent, child), brought - few_samples(parent, child) + 0.5 * self.settings.accept) - price
 
     def keep(self, node: Node, score: float) -> None:
@@ -82,21 +87,26 @@ def unevenness(parent: Node, child: Node) -> float:
     Noise that happens to be large just where an addition acts is no evidence for it.
     """
     top = bottom = 0.0
-    sigma = np.sqrt(child.fit.variance)[:, None]
-    for r, problem in enumerate(child.fit.layout.problems):
-        c = np.where(problem.valid, (child.fit.lines[r].y - parent.fit.lines[r].y) / sigma, 0.0)
-        e = child.fit.residuals[r] / sigma
+    for r in range(len(child.fit.layout.problems)):
+        change = child.fit.lines[r].y - parent.fit.lines[r].y
+        c = child.fit.whiten(r, change[:, :, None])[:, :, 0]
+        e = _standard(child, r)
         top += float(np.sum(c**2 * e**2))
         bottom += float(np.sum(c**2))
     return max(1.0, top / bottom) if bottom > 0 else 1.0
 
 
+def _standard(node: Node, r: int) -> np.ndarray:
+    """Independent residuals of variance one, ``(m, N)``."""
+    return node.fit.residuals[r] / np.sqrt(node.fit.variance)[:, None]
+
+
 def few_samples(parent: Node, child: Node) -> float:
     """What the three most improved samples alone bring, in units of twice the log likelihood: evidence must not hang on so few."""
     best: list[float] = []
-    sigma = np.sqrt(child.fit.variance)[:, None]
-    for before, after in zip(parent.fit.residuals, child.fit.residuals, strict=True):
-        gained = np.sum((before / sigma) ** 2 - (after / sigma) ** 2, axis=0)
+    for r in range(len(child.fit.layout.problems)):
+        before = parent.fit.residuals[r] / np.sqrt(child.fit.variance)[:, None]
+        gained = np.sum(before**2 - _standard(child, r) ** 2, axis=0)
         best += np.sort(gained)[-FEW:].tolist()
     return float(sum(value for value in sorted(best)[-FEW:] if value > 0))
 
@@ -143,7 +153,7 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
     accepted: list[Node] = []
     tried, most = 0, 0.0
     for finding in findings:
-        if _excluded(node, finding.effect):
+        if _excluded(node, finding.effect) or isinstance(finding.effect, NoiseEffect):
             continue
         # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
         worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (tried < 2 or finding.gain > HOPELESS * most)
@@ -163,6 +173,29 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
             search.steps.append(
                 Step(child.names, search.score(child), child.fit.log_likelihood, f"{finding.effect.name} lowers the criterion by {lowered:.1f}")
             )
+            accepted.append(search.nodes[frozenset(child.names)])
+    if not any(is_white(child) for child in accepted):
+        accepted += _with_random_motion(search, node, number)
+    return accepted
+
+
+def _with_random_motion(search: Search, node: Node, number: int) -> list[Node]:
+    """The node with turbulence, offered only where the innovations are not white and nothing else makes them so."""
+    effects = [effect for effect in search.candidates if isinstance(effect, NoiseEffect)]
+    if not effects or is_forced(node.system) or turbulence_worth_trying(node.fit) > WORTH:
+        return []
+    accepted = []
+    for effect in effects:
+        child = search.fit((*node.effects, effect), node, rough=True)
+        if child is None:
+            continue
+        finding = Finding(effect, 0.0, len(free_names(effect)), ({},), (0.0,), np.zeros(1))
+        search.evidence.append(_candidate(number, node, finding, child, node.fit.cost - child.fit.cost, ()))
+        lowered = search.gain(node, child)
+        if lowered > search.settings.accept:
+            search.keep(child, search.score(node) - lowered)
+            sentence = f"{effect.name} lowers the criterion by {lowered:.1f}"
+            search.steps.append(Step(child.names, search.score(child), child.fit.log_likelihood, sentence))
             accepted.append(search.nodes[frozenset(child.names)])
     return accepted
 

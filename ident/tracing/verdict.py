@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.fit import Fit
+from ident.filter_error import noise_levels, predictive_log_likelihood
+from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, doubted, held_out
 from ident.tracing.diagnosis import Claim, Step, Verdict
-from ident.tracing.node import Node
+from ident.tracing.node import Node, belongs_to_record, free_names
 from ident.tracing.search import Search, refined
 from ident.tracing.settings import TraceSettings
 from sim.record import Record
@@ -89,7 +90,7 @@ def judge(
         return Verdict.UNEXPLAINED, [f"what is missing behaves like {', '.join(guards)}, which is no effect of the library", *warnings]
     if warnings:
         return Verdict.UNEXPLAINED, warnings
-    if best.effects and not _improved(before.frozen, after.frozen):
+    if best.effects and not _improved(search, root, best, before, after):
         return Verdict.UNEXPLAINED, ["the effects found do not lower the error on data that were not fitted"]
     if _ambiguous(search, best):
         return Verdict.AMBIGUOUS, warnings
@@ -120,9 +121,20 @@ def _ambiguous(search: Search, best: Node) -> bool:
     )
 
 
-def _improved(before: Fit | None, after: Fit | None) -> bool:
-    """Whether the held-out error, over all channels, did not get worse by more than its scatter; True without held-out data."""
-    if before is None or after is None:
-        return before is None and after is None
-    gain = before.cost - after.cost
-    return gain > -float(np.sqrt(2.0 * len(after.theta)))
+def _improved(search: Search, root: Node, best: Node, before: HeldOut, after: HeldOut) -> bool:
+    """Whether held-out data speak for the effects; True where there are none.
+
+    For deterministic effects the error of a free simulation, over all channels, which must not get worse by more than its
+    scatter. With random motion a free simulation cannot improve: then one-step predictions, by their likelihood.
+    """
+    if before.frozen is None or after.frozen is None:
+        return before.frozen is None and after.frozen is None
+    if not is_forced(best.system):
+        gain = before.frozen.cost - after.frozen.cost
+        return gain > -float(np.sqrt(2.0 * len(after.frozen.theta)))
+    records = [problem.record for problem in before.frozen.layout.problems]
+    settings = best.fit.layout.settings
+    plain = predictive_log_likelihood(records, root.system, root.values.shared, noise_levels(root.fit), settings)
+    local = [name for effect in best.effects if belongs_to_record(effect) for name in free_names(effect)]
+    found = predictive_log_likelihood(records, best.system, best.values.shared, noise_levels(best.fit), settings, local=local)
+    return found > plain
