@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -61,7 +61,8 @@ class Tracing:
     """A diagnosis with what it was made from.
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
-    record was cut, None where records for validation were named. ``explanations`` by effect name.
+    record was cut, None where records for validation were named. ``explanations`` by effect name; ``sentences`` likewise, for
+    effects that bring one of their own.
     """
 
     diagnosis: Diagnosis
@@ -72,6 +73,7 @@ class Tracing:
     inputs: Inputs
     held_out_from: float | None = None
     explanations: dict[str, str] = field(default_factory=dict)
+    sentences: dict[str, str] = field(default_factory=dict)
 
     @property
     def stick_unit(self) -> str:
@@ -137,6 +139,7 @@ def diagnose_files(
         Inputs(_named(records), _named(validate), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
         held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
+        {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
     )
 
 
@@ -154,8 +157,9 @@ def _read(
 
     inputs, outputs = [signal.name for signal in model.equations.inputs], [signal.name for signal in model.equations.outputs]
     choices = read_channel_map(channels) if channels is not None else None
-    fitted = [read_record(path, inputs, outputs, choices, start, stop) for path in records]
-    predicted = [read_record(path, inputs, outputs, choices) for path in validate]
+    # Named by their files: a sidecar's name may be the same for all of them.
+    fitted = [replace(read_record(path, inputs, outputs, choices, start, stop), name=path.name) for path in records]
+    predicted = [replace(read_record(path, inputs, outputs, choices), name=path.name) for path in validate]
     _same_stick([*fitted, *predicted])
     measured = {name for record in fitted for name in record.output_names}
     for record in predicted:

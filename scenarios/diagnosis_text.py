@@ -39,7 +39,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = [signal.name for signal in tracing.model.equations.inputs]
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.sentences)
 
 
 def subject(tracing: Tracing) -> str:
@@ -177,7 +177,8 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int =
 def _effect_lines(tracing: Tracing) -> list[str]:
     wording, lines = wording_of(tracing), []
     for claim in tracing.diagnosis.effects:
-        lines += _wrapped(f"{claim.name}: {effect_heading(claim, wording)}")
+        heading = effect_heading(claim, wording)
+        lines += _wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}")
         if claim.parameters:
             lines += _wrapped(parameter_text(claim, wording), "    ")
     for line in verdict_advice(tracing):

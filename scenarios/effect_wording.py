@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim, Quantity
@@ -51,10 +51,13 @@ _TIMES = ("time", "start", "begin", "duration")
 
 @dataclass(frozen=True)
 class Wording:
-    """What the sentences need to know of the study: the name of the control, and the stick's unit where there is one."""
+    """What the sentences need to know of the study: the name of the control, the stick's unit where there is one, and ``own``
+    templates, by name, of effects that are not the library's.
+    """
 
     control: str = "elevator"
     stick_unit: str = ""
+    own: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
 def sentence(claim: Claim, wording: Wording) -> str:
@@ -63,11 +66,12 @@ def sentence(claim: Claim, wording: Wording) -> str:
     fields = _fields(claim, wording)
     sticks = "does nothing" if wording.control == "stick" else "sticks"
     fields |= {"control": wording.control, "sticks": sticks, "channel": CHANNELS.get(channel, channel)}
-    for template in SENTENCES.get(base.partition("#")[0], ()):
+    own = (wording.own[claim.name],) if claim.name in wording.own else ()
+    for template in (*own, *SENTENCES.get(base.partition("#")[0], ())):
         try:
             return template.format_map(fields)
-        except KeyError:
-            continue
+        except (KeyError, ValueError, IndexError, AttributeError):
+            continue  # a parameter that is not there, or a template of a user's that cannot be filled in
     numbers = parameter_text(claim, wording)
     return f"{claim.name} acts: {numbers}" if numbers else f"{claim.name} acts"
 

@@ -115,7 +115,7 @@ def unpacked(content: bytes) -> tuple[Pictured, Path]:
     pictured = Pictured(
         tuple(FittedRecord(record(r), tuple(names), arrays[b], arrays[a], arrays[u]) for r, names, b, a, u in head["fitted"]),
         tuple(Prediction(record(r), tuple(names), arrays[b], arrays[a]) for r, names, b, a in head["predictions"]),
-        tuple(Candidate(number, tuple(within), *rest, {}) for number, within, *rest in head["candidates"]),
+        tuple(Candidate(n, tuple(within), name, gain, p, fit, fair, {}) for n, within, name, gain, p, fit, fair in head["candidates"]),
         {name: Quantity(*parts) for name, parts in head["before"].items()},
         {name: Quantity(*parts) for name, parts in head["after"].items()},
         head["noise"],

@@ -10,7 +10,7 @@ from sim.errors import RecordError
 from sim.record import Record
 
 SHARE = 0.3  # of the excitation
-EARLIEST, LATEST = 0.3, 0.8  # of the duration
+EARLIEST, LATEST = 0.1, 0.8  # of the duration
 LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
 _REST = 0.02  # of the input's largest movement
@@ -21,18 +21,18 @@ _REMEDY = "give another record with --validate, or use more of this one"
 def hold_out(record: Record) -> tuple[Record, Record]:
     """Cut a record in two: what is fitted, and its last part, which is predicted.
 
-    The cut lies between three and eight tenths of the duration, where 70 % of the excitation (the summed square of the
+    The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the summed square of the
     inputs' distance from their median) is over: a part in which the controls rest says nothing of a model. Moments at which
     every input has rested for half a second are preferred as long as a tenth of the excitation is left to the last part:
     lags, delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its duration.
 
     Raises
     ------
-    RecordError : a part would have fewer than 20 rows, or no sample of a channel.
+    RecordError : fewer than 40 rows (either part gets 20 at least), or a part without a sample of a channel.
     """
-    cut = _cut(record)
-    if min(cut, len(record) - cut) < FEWEST:
+    if len(record) < 2 * FEWEST:
         raise RecordError(f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY)
+    cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
     return _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
 
 
@@ -41,8 +41,8 @@ def _cut(record: Record) -> int:
     time = record.time
     span = time[-1] - time[0]
     inside = np.flatnonzero((time >= time[0] + EARLIEST * span) & (time <= time[0] + LATEST * span))
-    if inside.size == 0:
-        return len(record)
+    if inside.size == 0:  # all samples at the ends
+        return len(record) // 2
     wanted = 1.0 - SHARE
     weight = np.gradient(time)
     moved = np.zeros(len(record))

@@ -148,8 +148,9 @@ def _fitted(record: Record, factor: float) -> FittedRecord:
     after = np.where(valid, noise * rng.standard_normal(z.shape), 0.0)
     before = after + np.where(valid, (factor - 1.0) * noise * np.sin(6.0 * record.time), 0.0)
     used = valid.copy()
-    used[0, 50] = False
-    after[0, 50] = before[0, 50] = 9.0 * noise[0, 0]
+    spike = min(50, len(record) - 5)
+    used[0, spike] = False
+    after[0, spike] = before[0, spike] = 9.0 * noise[0, 0]
     return FittedRecord(record, record.output_names, before, after, used)
 
 

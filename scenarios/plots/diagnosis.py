@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -67,7 +68,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                 label="residual",
             )
             if np.any(aside):
-                ring = {"marker": "o", "markersize": 5.5, "markerfacecolor": "none", "markeredgewidth": 0.9, "linestyle": "none"}
+                ring: dict[str, Any] = {"marker": "o", "markersize": 5.5, "markerfacecolor": "none", "markeredgewidth": 0.9, "linestyle": "none"}
                 panel.plot(fitted.record.time[aside], values[aside], color=VERMILION, label="set aside", **ring)
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
             rms = float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2))) if np.any(valid & fitted.used[row]) else 0.0

@@ -1,0 +1,175 @@
+"""From files to the loop: what it is given, and what is refused in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ident.tracing.diagnosis import Diagnosis, Verdict
+from scenarios.candidates import candidates_for, read_effects
+from scenarios.diagnosing import diagnose_files
+from scenarios.files.vehicles import read_vehicle
+from scenarios.vehicle_models import model_of_file
+from sim.errors import FlightidError
+from sim.record import Record
+from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs
+
+EXAMPLE = Path(__file__).parents[3] / "docs" / "how-to" / "own-effect.md"
+
+
+class Loop:
+    """Stands in for the tracing loop and keeps what it was given."""
+
+    def __init__(self) -> None:
+        self.given: dict[str, Any] = {}
+
+    def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress) -> Diagnosis:
+        self.given = {"records": records, "model": model, "candidates": candidates, "guards": guards, "validation": validation}
+        return diagnosis_of(Verdict.TRACED, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path, Path]:
+    return written_inputs(tmp_path)
+
+
+def loes_files(folder: Path, *headers: str) -> list[Path]:
+    """Records of a low-order equivalent with these headers of the stick, and their vehicle file."""
+    lines = [f"{key} = {value}" for key, value in LOES.constants.items()] + ["[derivatives]"]
+    (folder / "vehicle.toml").write_text("\n".join([*lines, *(f"{key} = {value}" for key, value in LOES.derivatives.items())]))
+    paths = []
+    for number, header in enumerate(headers):
+        path = folder / f"r{number}.csv"
+        rows = [f"{0.02 * k:.2f},{float(k > 30)},{0.01 * np.sin(k / 9):.6f}" for k in range(100)]
+        path.write_text("\n".join([f"time,{header},q", *rows]))
+        paths.append(path)
+    return paths
+
+
+def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, Path, Path]) -> None:
+    train, validate, vehicle = files
+    loop = Loop()
+    tracing = diagnose_files([train], "rigid", vehicle, [validate], trace=loop)
+    model = loop.given["model"]
+    assert model.biases == ("alpha", "q", "nz") and not model.noise.measurement_std
+    assert [record.name for record in loop.given["records"]] == ["train.csv"]
+    assert [record.name for record in loop.given["validation"]] == ["validate.csv"]
+    names = {effect.name for effect in loop.given["candidates"]}
+    assert {"input-delay", "sensor-lag:alpha", "gust-discrete"} <= names and "drag-jump" not in names
+    assert not names & {guard.name for guard in loop.given["guards"]}
+    assert tracing.held_out_from is None and [file.name for file in tracing.inputs.validation] == ["validate.csv"]
+    assert tracing.explanations["input-delay"]
+
+
+def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:
+    train, validate, vehicle = files
+    loop = Loop()
+    diagnose_files([train], "rigid", vehicle, [validate], start=1.0, stop=3.0, trace=loop)
+    assert (loop.given["records"][0].time[0], loop.given["records"][0].time[-1]) == (1.0, 3.0)
+    assert len(loop.given["validation"][0]) == 200
+
+
+def test_last_part_of_the_last_record_is_held_out(files: tuple[Path, Path, Path]) -> None:
+    train, validate, vehicle = files
+    loop = Loop()
+    tracing = diagnose_files([train, validate], "rigid", vehicle, trace=loop)
+    first, second = loop.given["records"]
+    (held,) = loop.given["validation"]
+    assert len(first) == 200 and len(second) + len(held) == 200
+    assert tracing.held_out_from == held.time[0] > second.time[-1]
+    assert tracing.inputs.validation == () and len(tracing.inputs.records) == 2
+
+
+def test_vehicle_file_beside_the_record_serves(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    train, _, vehicle = files
+    assert diagnose_files([train], "rigid", trace=Loop()).inputs.vehicle.name == "vehicle.toml"
+    vehicle.unlink()
+    with pytest.raises(FlightidError, match=r"--vehicle: the rigid model needs .*vehicle\.toml beside train\.csv"):
+        diagnose_files([train], "rigid", trace=Loop())
+
+
+def test_delay_and_lag_of_the_equivalent_model_are_no_candidates(tmp_path: Path) -> None:
+    loop = Loop()
+    diagnose_files(loes_files(tmp_path, "stick [in]"), "loes", trace=loop)
+    names = {effect.name for effect in loop.given["candidates"]}
+    assert not names & {"input-delay", "actuator-lag"} and "input-deadband" in names
+    assert loop.given["model"].biases == ("q",)
+
+
+def test_sticks_of_two_units_do_not_meet(tmp_path: Path) -> None:
+    paths = loes_files(tmp_path, "stick [in]", "stick [in]", "stick_cm", "stick")
+    assert diagnose_files(paths[:2], "loes", trace=Loop()).stick_unit == "in"
+    with pytest.raises(FlightidError, match=r"r2\.csv: the stick is in 'cm', in r0\.csv it is in 'in'"):
+        diagnose_files(paths[:1], "loes", validate=[paths[2]], trace=Loop())
+    with pytest.raises(FlightidError, match=r"r3\.csv: the stick is in no unit"):
+        diagnose_files([paths[0], paths[3]], "loes", trace=Loop())
+
+
+def test_wrong_calls_are_refused_in_one_line(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    train, _, vehicle = files
+    with pytest.raises(FlightidError, match=r"--model: there is no model 'rigide'"):
+        diagnose_files([train], "rigide", vehicle, trace=Loop())
+    with pytest.raises(FlightidError, match="named twice"):
+        diagnose_files([train], "rigid", vehicle, [tmp_path / "." / "train.csv"], trace=Loop())
+    lean = tmp_path / "lean.csv"
+    lean.write_text("time,elevator,nz\n" + "\n".join(f"{0.02 * k},0,1" for k in range(50)))
+    other = tmp_path / "other.csv"
+    other.write_text("time,elevator,q\n" + "\n".join(f"{0.02 * k},0,{0.001 * k}" for k in range(50)))
+    with pytest.raises(FlightidError, match=r"other\.csv: none of the fitted channels \(nz\)"):
+        diagnose_files([lean], "rigid", vehicle, [other], trace=Loop())
+
+
+def example() -> str:
+    return EXAMPLE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+
+
+def test_documented_effect_joins_the_candidates(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    train, validate, vehicle = files
+    own = tmp_path / "my_effects.py"
+    own.write_text(example())
+    loop = Loop()
+    tracing = diagnose_files([train], "rigid", vehicle, [validate], own, trace=loop)
+    assert loop.given["candidates"][-1].name == "vane-upwash"
+    assert tracing.inputs.effects[0].name == "my_effects.py"
+    assert "{curvature}" in tracing.sentences["vane-upwash"] and tracing.explanations["vane-upwash"]
+    model = model_of_file(read_vehicle(vehicle, "rigid"))
+    assert "vane-upwash" not in {effect.name for effect in candidates_for(model)}, "a user's effect must not stay behind"
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("x = 1", "it offers no effect; define EFFECTS"),
+        ("EFFECTS = ()", "it offers no effect; define EFFECTS"),
+        ("\n\nimport nothing_of_that_name", "line 3: ModuleNotFoundError: No module named 'nothing_of_that_name'"),
+        ("def f(:", "line 1: SyntaxError: invalid syntax"),
+        ("EFFECTS = [1]", "effect int lacks name, station"),
+        ("from sim.effects.library import find_effect\nEFFECTS = [find_effect('input-delay')]", "the library has one of this name"),
+        ("class A:\n    name = 'a'\nEFFECTS = [A]", "A is a class; put an instance"),
+        (None, "there is no such file"),
+    ],
+)
+def test_faults_of_a_users_file_are_told_in_one_line(content: str | None, line: str, files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    own = tmp_path / "mine.py"
+    if content is not None:
+        own.write_text(content)
+    model = model_of_file(read_vehicle(files[2], "rigid"))
+    with pytest.raises(FlightidError) as caught:
+        read_effects(own, model)
+    assert line in str(caught.value) and str(caught.value).startswith(str(own)) and "\n" not in str(caught.value)
+
+
+def test_effects_for_other_vehicles_are_left_out_or_refused(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    model = model_of_file(read_vehicle(files[2], "rigid"))
+    own = tmp_path / "mine.py"
+    elsewhere = example().replace('channel = "alpha"', 'channel = "altitude"')
+    own.write_text(elsewhere)
+    with pytest.raises(FlightidError, match=r"no effect of it \(vane-upwash\) can act on the rigid model; its inputs are elevator"):
+        read_effects(own, model)
+    own.write_text(example().replace("EFFECTS = (VaneUpwash(),)", "EFFECTS = (VaneUpwash(), VaneUpwash())"))
+    with pytest.raises(FlightidError, match="vane-upwash is there twice"):
+        read_effects(own, model)

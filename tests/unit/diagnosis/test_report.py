@@ -1,0 +1,84 @@
+"""The report: one page that needs nothing else and that no input can break."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from ident.tracing.diagnosis import Verdict
+from scenarios.report.diagnosis import diagnosis_page
+from tests.diagnoses import RIGID, tracing_of
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Checks that tags are balanced; gathers attributes and text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.open: list[str] = []
+        self.sources: list[str] = []
+        self.tags: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert not self.open, f"left open: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href", "action", "data", "srcset")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open.pop() == tag, f"</{tag}> closes another element"
+
+    def handle_data(self, data: str) -> None:
+        if not self.open or self.open[-1] != "style":
+            self.text += data
+
+
+def page_of(verdict: Verdict, figures: Path, **changes: object) -> tuple[str, Page]:
+    tracing = replace(tracing_of(verdict), **changes)  # type: ignore[arg-type]
+    text = diagnosis_page(tracing, list(tracing.diagnosis.warnings), figures)
+    return text, Page(text)
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_page_is_whole_and_says_what_was_found(verdict: Verdict, tmp_path: Path) -> None:
+    text, page = page_of(verdict, tmp_path)
+    words = " ".join(page.text.split())
+    assert text.startswith("<!DOCTYPE html>") and 'name="viewport"' in text and "@media print" in text
+    assert verdict.value in words and verdict.sentence in words
+    for claim in tracing_of(verdict).diagnosis.effects:
+        assert claim.name in words
+    for name in RIGID.derivatives:
+        assert name in words
+    assert "+-" not in words and "->" not in words
+
+
+def test_page_needs_nothing_from_outside(tmp_path: Path) -> None:
+    pixel = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg==")
+    for stem in ("residuals", "held_out", "held_out_2", "unrelated"):
+        (tmp_path / f"{stem}.png").write_bytes(pixel)
+    text, page = page_of(Verdict.PARTIAL, tmp_path)
+    assert len(page.sources) == 3
+    for source in page.sources:
+        assert source.startswith("data:image/png;base64,")
+        assert base64.b64decode(source.partition(",")[2], validate=True) == pixel
+    assert not re.search(r"https?://|@import|url\(", text)
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+
+
+def test_names_from_files_are_text_and_no_markup(tmp_path: Path) -> None:
+    hostile = replace(RIGID, name='<script>alert("x")</script> & <b>')
+    text, page = page_of(Verdict.TRACED, tmp_path, vehicle=hostile)
+    assert "script" not in page.tags and "b" not in page.tags
+    assert hostile.name in page.text
+    assert "<script" not in text

@@ -1,0 +1,131 @@
+"""Effects, summaries and advice in words."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ident.tracing.diagnosis import Claim, Quantity, Verdict
+from scenarios.diagnosis_text import candidate_rows, derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
+from scenarios.effect_wording import SENTENCES, Wording, parameter_text, sentence, value_text
+from scenarios.separating import separating_maneuver
+from sim.effects.library import library
+from sim.tracing import Traceable
+from tests.diagnoses import LOES, tracing_of
+
+TRACEABLE = [effect for effect in library() if isinstance(effect, Traceable)]
+
+
+@pytest.mark.parametrize("effect", TRACEABLE, ids=lambda effect: effect.name)
+def test_every_effect_of_the_library_has_a_sentence_of_its_own(effect) -> None:
+    claim = Claim(effect.name, {item.name: Quantity(item.value, 0.05 * abs(item.value) or 0.01, item.unit) for item in effect.parameters})
+    told = sentence(claim, Wording())
+    assert not told.startswith(effect.name), "no template of the table fits its parameters"
+    assert "{" not in told and not re.search(r"\bnan\b|\binf\b|[A-Z]\w*Error", told)
+
+
+def test_table_has_no_name_that_the_library_lacks() -> None:
+    assert set(SENTENCES) <= {effect.name.partition(":")[0].partition("#")[0] for effect in library()}
+
+
+def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
+    deadband = Claim("input-deadband", {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")})
+    assert sentence(deadband, Wording()) == "the elevator sticks within +-0.41 deg of zero (break-out)"
+    assert parameter_text(deadband, Wording()) == "half_width 0.41 +- 0.02 deg"
+    on_stick = Claim("input-deadband", {"half_width": Quantity(0.15, 0.01, "1")})
+    assert sentence(on_stick, Wording("stick", "in")) == "the stick does nothing within +-0.15 in of zero (break-out)"
+    assert parameter_text(on_stick, Wording("stick", "in")) == "half_width 0.150 +- 0.010 in"
+    rate = Claim("actuator-rate-limit", {"rate": Quantity(math.radians(30.0), math.radians(0.4), "rad/s")})
+    assert sentence(rate, Wording()) == "the actuator moves no faster than 30.0 deg/s"
+    mode = {"frequency": Quantity(18.2, 0.1, "rad/s"), "damping": Quantity(0.03, 0.004, "1"), "lift": Quantity(0.1, 0.1, "1/rad")}
+    assert sentence(Claim("elastic-mode#2", mode), Wording()) == "the structure bends: a mode of 18.2 rad/s (2.90 Hz), damping 0.030"
+
+
+@pytest.mark.parametrize(("scale", "words"), [(1.062, "6.2 % too large"), (0.94, "6.0 % too small")])
+def test_scale_is_told_in_per_cent(scale: float, words: str) -> None:
+    assert sentence(Claim("sensor-scale:nz", {"scale": Quantity(scale, 0.002, "1")}), Wording()) == f"the load factor is read {words}"
+
+
+def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
+    claim = Claim("vane-upwash", {"curvature": Quantity(2.0, 0.1, "1/rad")})
+    assert sentence(claim, Wording()) == "vane-upwash acts: curvature 2.00 +- 0.10 1/rad"
+    assert sentence(claim, Wording(own={"vane-upwash": "bent by {curvature}"})) == "bent by 2.0 1/rad"
+    for template in ("{missing}", "{", "{0}", "{curvature.x}"):
+        assert sentence(claim, Wording(own={"vane-upwash": template})).startswith("vane-upwash acts")
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6))
+def test_value_and_sigma_share_their_digits(value: float, std: float) -> None:
+    text = value_text(value, std)
+    if "not determined" in text:
+        assert std >= 1e3 * abs(value)
+        return
+    first, second = text.split(" +- ")
+    assert abs(float(first) - value) <= 0.51 * std or abs(float(first) - value) <= 5e-3 * abs(value)
+    assert abs(float(second) - std) <= 0.35 * std
+    if "e" not in text:
+        assert len(first.partition(".")[2]) == len(second.partition(".")[2])
+
+
+def test_headline_names_effect_error_and_derivative() -> None:
+    tracing = tracing_of(Verdict.TRACED)
+    d = tracing.diagnosis
+    figures = replace(d.error_before, rmse={"alpha": 0.0013, "q": 0.0061, "nz": 0.013})
+    after = replace(d.error_after, rmse={"alpha": 0.0012, "q": 0.0015, "nz": 0.012})
+    before = {**d.after, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}
+    moved = {**d.after, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
+    told = replace(tracing, diagnosis=replace(d, error_before=figures, error_after=after, before=before, after=moved))
+    assert headline(told) == (
+        "the elevator sticks within +-0.400 deg of zero (break-out); with that, pitch-rate error 0.0061 -> 0.0015 rad/s "
+        "on the held-out record validate.csv, noise floor 0.0015; Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4"
+    )
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_terminal_text_is_plain_and_complete(verdict: Verdict) -> None:
+    tracing = tracing_of(verdict)
+    text = diagnosis_text(tracing)
+    assert verdict.value.upper() in text and verdict.sentence in text
+    for warning in tracing.diagnosis.warnings:
+        assert warning in " ".join(text.split())
+    for claim in tracing.diagnosis.effects:
+        assert claim.name in text
+    assert ("hint only, not claimed" in text) is (verdict is Verdict.UNEXPLAINED)
+    assert text.isascii()
+    assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_only_moves_beyond_two_sigmas_are_marked() -> None:
+    before = {name: Quantity(1.0, 0.06, "1") for name in ("a", "b", "c")}
+    after = {"a": Quantity(1.19, 0.08, "1"), "b": Quantity(1.21, 0.08, "1"), "c": Quantity(0.79, 0.08, "1")}
+    assert [row[-1].strip() for row in derivative_rows(before, after)] == ["+1.9 sigma", "+2.1 sigma *", "-2.1 sigma *"]
+
+
+def test_each_round_shows_a_name_once_and_the_best_first() -> None:
+    tracing = tracing_of(Verdict.TRACED)
+    weaker = replace(tracing.diagnosis.candidates[0], gain=5.0)
+    rows = candidate_rows(replace(tracing.diagnosis, candidates=(weaker, *tracing.diagnosis.candidates)), 3)
+    assert [(row[1], row[2]) for row in rows] == [("input-deadband", "420.0"), ("sensor-scale:alpha", "3.1"), ("vane-offset", "1.4")]
+
+
+def test_alternatives_come_with_the_maneuver_that_splits_them() -> None:
+    assert [line.partition(":")[0] for line in verdict_advice(tracing_of(Verdict.AMBIGUOUS))] == ["input-delay or actuator-lag"]
+    text = "\n".join(verdict_advice(tracing_of(Verdict.PARTIAL)))
+    assert "airspeed" in text and "sweep" in text
+    assert verdict_advice(tracing_of(Verdict.CONSISTENT)) == []
+
+
+@pytest.mark.parametrize("effect", TRACEABLE, ids=lambda effect: effect.name)
+def test_every_declared_alias_has_advice_that_is_the_same_both_ways(effect) -> None:
+    for alias in effect.aliases:
+        assert separating_maneuver(effect.name, alias) == separating_maneuver(alias, effect.name) != ""
+
+
+def test_stick_wording_comes_from_the_record() -> None:
+    wording = wording_of(tracing_of(Verdict.TRACED, LOES))
+    assert (wording.control, wording.stick_unit) == ("stick", "in")
