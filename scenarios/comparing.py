@@ -12,6 +12,7 @@ from ident.estimate import Estimate
 from ident.residuals import ResidualTest
 from scenarios.declaration import Start
 from scenarios.run import MethodResult, Row, Study
+from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
 PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
@@ -27,11 +28,31 @@ def comparison(study: Study) -> dict[str, Any]:
         "seed": study.seed,
         "distance": study.scenario.distance,
         **method_content(study.main),
+        "notes": list(study.notes),
         "versions": versions(),
     }
+    if study.flexibility is not None:
+        out["flexibility"] = flexibility_content(study.flexibility)
     if len(study.methods) > 1:
         out["methods"] = {method.estimation.name: method_content(method) for method in study.methods[1:]}
     return out
+
+
+def flexibility_content(found: Flexibility) -> dict[str, Any]:
+    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s, derivatives in 1/rad."""
+    content: dict[str, Any] = {
+        "degree": found.degree,
+        "short_period": found.short_period,
+        "stiffness_loss": found.stiffness_loss,
+        "distance": found.distance,
+        "misfit": found.misfit,
+        "largest_misfit": LARGEST_MISFIT,
+        "detectable_misfit": found.detectable,
+        "rigid_serves": found.rigid_serves,
+        "condensed": dict(found.condensed),
+        "best_rigid": dict(found.fitted),
+    }
+    return content | ({"separation": found.separation} if math.isfinite(found.separation) else {})
 
 
 def method_content(method: MethodResult) -> dict[str, Any]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from ident.residuals import ResidualTest
+from scenarios.notes import flexibility_sentences
 from scenarios.run import MethodResult, Row, Study
+from scenarios.tables import Column, print_paragraph, print_table
 
 
 def console(width: int | None = None) -> Console:
@@ -24,43 +25,60 @@ def number(value: float, std: float | None = None) -> str:
         return f"{value:.5g}"
     from math import floor, log10
 
-    digits = min(12, max(0, 1 - floor(log10(std))))
-    return f"{value:.{digits}f}"
+    last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
+    if last >= -5:
+        return f"{value:.{max(0, -last)}f}"
+    return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 
 
 def print_study(study: Study, out: Console | None = None) -> None:
-    """The study's tables: the main method, then the others beside it."""
+    """The study's tables, the main method first, each with what there is to say of it; then what holds for the whole study."""
     out = out or console()
     scenario = study.scenario
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
     for method in study.methods:
-        out.print(_method_table(study, method))
-        for line in _method_lines(study, method):
-            out.print(line, highlight=False)
+        out.print()
+        _print_method(study, method, out)
+    if study.flexibility is not None:
+        out.print()
+        for sentence in flexibility_sentences(study.flexibility, study.scenario.flight.noise_std):
+            print_paragraph(out, sentence, indent=0)
+    if study.notes:
+        out.print()
+        for note in study.notes:
+            print_paragraph(out, note, indent=0)
 
 
-def _method_table(study: Study, method: MethodResult) -> Table:
+def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
     title += f" {estimate.message}" if estimate.message else ""
-    table = Table(title=title, title_justify="left", title_style="bold")
-    condensed = any(row.condensed is not None for row in method.rows)
-    published = any(row.published is not None for row in method.rows)
-    headings = ["parameter", "unit", "true"] + (["condensed"] if condensed else []) + ["estimate", "+- sigma", "error %", "error, sigmas"]
-    headings += ["published", "+- sigma", "off, own sigmas"] if published else []
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
-    for row in _with_display(study, method.rows):
-        cells = [row.name, row.unit, _or_dash(row.true)]
-        cells += [_or_dash(row.condensed)] if condensed else []
-        cells += [number(row.estimate, row.std), number(row.std, row.std), _or_dash(row.percent, ".2f"), _or_dash(row.sigmas, "+.2f")]
-        if published:
-            there = row.published
-            cells += [f"{there.value:.5g}", f"{there.std:.4g}"] if there else ["", ""]
-            cells += [_or_dash(row.published_sigmas, "+.1f") if there else ""]
-        table.add_row(*cells)
-    return table
+    rows = _with_display(study, method.rows)
+    columns = [
+        Column("parameter", [row.name for row in rows], left=True),
+        Column("unit", [row.unit for row in rows], left=True),
+        Column("true", [_or_dash(row.true) for row in rows]),
+    ]
+    if any(row.condensed is not None for row in rows):
+        columns.append(Column("condensed", [_or_dash(row.condensed) for row in rows]))
+    columns += [
+        Column("estimate", [number(row.estimate, row.std) for row in rows]),
+        Column("+- sigma", [number(row.std, row.std) for row in rows]),
+        Column("error %", [_or_dash(row.percent, ".2f") for row in rows]),
+        Column("error, sigmas", [_or_dash(row.sigmas, "+.2f") for row in rows]),
+    ]
+    published = []
+    if any(row.published is not None for row in rows):
+        published = [
+            Column("published", [f"{row.published.value:.5g}" if row.published else "" for row in rows]),
+            Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows]),
+            Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows]),
+        ]
+    print_table(out, title, columns, published)
+    for line in (derived_line(method.derived), test_line(method.tests), method.estimation.explanation):
+        if line:
+            print_paragraph(out, line)
 
 
 def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
@@ -73,10 +91,6 @@ def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
         if row.name in study.scenario.display:
             out.append(in_unit(row, study.scenario.display[row.name]))
     return out
-
-
-def _method_lines(study: Study, method: MethodResult) -> list[str]:
-    return [line for line in (derived_line(method.derived), test_line(method.tests), method.estimation.explanation) if line] + [""]
 
 
 def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:

@@ -12,10 +12,12 @@ from ident.residuals import ResidualTest, residual_tests
 from scenarios.declaration import EMPTY, Estimation, Scenario, Start
 from scenarios.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.flying import fly_scenario, measured_again, true_model
-from scenarios.notes import prior_note, residual_notes
+from scenarios.notes import prior_note, residual_note
 from scenarios.published import published_values
+from sim.errors import ModelError
 from sim.record import Record
 from sim.truth import Truth
+from sim.vehicles.flexibility import Flexibility, flexibility
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.partial_condensation import condense_above
 
@@ -83,6 +85,7 @@ class Study:
     truth: Truth
     methods: tuple[MethodResult, ...]
     notes: tuple[str, ...] = ()
+    flexibility: Flexibility | None = None
 
     @property
     def main(self) -> MethodResult:
@@ -102,7 +105,7 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     for estimation in scenario.estimations:
         seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
         methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
-    return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods))
+    return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
@@ -118,12 +121,22 @@ def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
+def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
+    """Of a scenario that is compared with condensed coefficients; None too where the condensed aircraft has no short period."""
+    flight = scenario.flight
+    if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:
+        return None
+    try:
+        return flexibility(read_parameter_set(flight.vehicle), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
+    except ModelError:
+        return None
+
+
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
     notes = [prior_note(method.result) for method in methods]
     if scenario.condensed:
         model = true_model(scenario.flight)
-        for method in methods:
-            notes += residual_notes(method.result, model)
+        notes += [residual_note(method.result, model) for method in methods]
     return tuple(note for note in notes if note)
 
 

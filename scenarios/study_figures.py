@@ -18,17 +18,21 @@ from scenarios.plots.signals import Response, figure_fit, figure_record, respons
 from scenarios.run import MethodResult, Study
 from sim.record import Record
 
+TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
+MOST_RESPONSES = 3
+
 
 def draw_study(study: Study, folder: Path) -> None:
     """Draw a scenario's figures into ``folder`` as PNG files."""
     scenario, main = study.scenario, study.main
     title = scenario.title
     save_figure(figure_record(study.record, title), folder, "record")
-    shared = [method for method in study.methods if method.result.record is study.record]
-    fit = figure_fit(study.record, [_response(method) for method in shared], study.truth, title, study.truth.noise_std)
+    fit = figure_fit(study.record, [_response(method) for method in _told_apart(study)], study.truth, title, study.truth.noise_std)
     save_figure(fit, folder, "fit")
     for method in study.methods:
-        _draw_filter(study, method, folder, "" if method is main else f"_{method.estimation.name}")
+        # Of a single parameter the figures of all methods together say what one for each would.
+        if method is main or len(method.rows) > 1:
+            _draw_filter(study, method, folder, "" if method is main else f"_{method.estimation.name}")
     if scenario.estimations[0].model == "ballistic":
         _draw_ballistic(study, folder)
     rows = [
@@ -47,7 +51,8 @@ def draw_study(study: Study, folder: Path) -> None:
     ]
     if rows:
         against = "condensed" if scenario.condensed else "true"
-        save_figure(figure_comparison(rows, f"{title}: error against the {against} value"), folder, "errors")
+        label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
+        save_figure(figure_comparison(rows, f"{title}\n{label}error against the {against} value"), folder, "errors")
     if scenario.condensed:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
 
@@ -72,18 +77,31 @@ def draw_identification(found: Identification, folder: Path) -> None:
 
 def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) -> None:
     estimate, estimation = method.result.estimate, method.estimation
-    title = f"{study.scenario.title}: {estimation.label}"
+    title = f"{study.scenario.title}\n{estimation.label}"
     if estimate.history is not None:
         prior = {name: (start.value, start.std) for name, start in estimation.start.items()}
         true = {row.name: row.reference for row in method.rows if row.reference is not None}
         published = {row.name: _pair(row.published) for row in method.rows if row.published is not None}
         units = [row.unit for row in method.rows]
-        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title)
+        against = "condensed" if study.scenario.condensed else "true"
+        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against)
         save_figure(histories, folder, f"parameters{suffix}")
         units = _output_units(method.result.record, estimate.output_names)
         save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, f"innovations{suffix}")
-    if len(estimate.names) > 1 and np.all(np.isfinite(estimate.correlation)):
-        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, f"correlation{suffix}")
+    if method is study.main and len(estimate.names) > 1 and np.all(np.isfinite(estimate.correlation)):
+        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+
+
+def _told_apart(study: Study) -> list[MethodResult]:
+    """The main method and those whose residual of the same record differs so much that a figure shows it."""
+    z, valid = study.record.output_array(study.main.result.estimate.output_names)
+
+    def size(method: MethodResult) -> np.ndarray:
+        return np.sqrt(np.mean(np.where(valid, z - method.result.estimate.fitted[0], 0.0) ** 2, axis=1))
+
+    expected = size(study.main)
+    same_record = [m for m in study.methods[1:] if m.result.record is study.record and len(m.result.estimate.output_names) == len(z)]
+    return [study.main, *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART))][:MOST_RESPONSES]
 
 
 def _draw_ballistic(study: Study, folder: Path) -> None:

@@ -11,7 +11,24 @@ from matplotlib.figure import Figure
 from ident.estimate import FilterHistory
 from scenarios.plots.display import KILOMETRES, METRES_PER_SECOND, POUNDS_PER_SQUARE_FOOT, DisplayUnit, plain, signed, symbol
 from scenarios.plots.histories import Course, course
-from scenarios.plots.style import BLUE, MEASURED, SKY, TRUE, VERMILION, ZERO, Sheet, caption, finish, make_sheet, method_style, time_axis, y_label
+from scenarios.plots.style import (
+    BLUE,
+    MEASURED,
+    SKY,
+    TICK_SIZE,
+    TRUE,
+    VERMILION,
+    WIDTH,
+    ZERO,
+    Sheet,
+    caption,
+    finish,
+    folded,
+    make_sheet,
+    method_style,
+    time_axis,
+    y_label,
+)
 from sim.record import Record
 from sim.truth import Truth
 
@@ -45,35 +62,48 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
 def figure_ballistic_coefficient(
     histories: Mapping[str, FilterHistory], true: float | np.ndarray | None = None, unit: DisplayUnit = POUNDS_PER_SQUARE_FOOT, title: str = ""
 ) -> Figure:
-    """The ballistic coefficient over time by each method side by side, and with the truth its error below.
+    """The ballistic coefficient over time by each method, two side by side, and with the truth its error below.
 
     ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted; ``unit`` is what the figure
     shows. Bands and bounds are two standard deviations. The axis of the error is that of the later half of the flight:
     the first errors may lie outside.
     """
-    count = len(histories)
-    sheet = make_sheet([1.9] if true is None else [1.9, 1.9], (1.0,) * count, row_gap=0.36, column_gap=0.6)
+    count, per_row = len(histories), 1 if true is None else 2
+    blocks = -(-count // 2)
+    sheet = make_sheet([1.9 if blocks == 1 else 1.4] * per_row * blocks, (1.0,) * min(count, 2), row_gap=0.36 if blocks == 1 else 0.5, column_gap=0.6)
+    room = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
     paths = {label: course(history, "beta", unit.factor) for label, history in histories.items()}
     errors: list[np.ndarray] = []
-    for column, (label, path) in enumerate(paths.items()):
-        panel = sheet.axes[0][column]
-        caption(panel, plain(label) if path.time.size else f"{plain(label)}: no sound sample")
+    lowest: list[Axes] = []
+    for number, (label, path) in enumerate(paths.items()):
+        row, column = per_row * (number // 2), number % 2
+        panel = sheet.axes[row][column]
+        lowest = [*lowest[-1:], sheet.axes[row + per_row - 1][column]]
+        lowest[-1].tick_params(labelbottom=True)
+        caption(panel, "\n".join(folded(plain(label) if path.time.size else f"{plain(label)}: no sound sample", room, TICK_SIZE)))
+        if column == 0:
+            y_label(panel, f"{symbol('beta')} ({unit.text})")
+            if true is not None:
+                y_label(sheet.axes[row + 1][0], f"error in {symbol('beta')} ({unit.text})")
         panel.fill_between(path.time, path.mean - 2.0 * path.std, path.mean + 2.0 * path.std, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
         panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
         if true is not None:
             actual = unit.factor * np.broadcast_to(true, len(histories[label].time))[: path.time.size]
             panel.plot(path.time, actual, label="true", **TRUE)
             errors.append(path.mean - actual)
-            _error(sheet.axes[1][column], path, errors[-1])
-    y_label(sheet.axes[0][0], f"{symbol('beta')} ({unit.text})")
-    _share_limits(sheet, 0, *_range([array for path in paths.values() for array in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)]))
+            _error(sheet.axes[row + 1][column], path, errors[-1])
+    for row in range(per_row * blocks) if count % 2 and blocks > 1 else ():
+        if row >= per_row * (blocks - 1):
+            sheet.axes[row][1].set_visible(False)
+    _share_limits(
+        sheet, 0, per_row, *_range([array for path in paths.values() for array in (path.mean - 2.0 * path.std, path.mean + 2.0 * path.std)])
+    )
     if true is not None:
         limit = max(_late_limit(error, path.std) for error, path in zip(errors, paths.values(), strict=True))
-        _share_limits(sheet, 1, -limit, limit)
-        y_label(sheet.axes[1][0], f"error in {symbol('beta')} ({unit.text})")
-    for panel in sheet.axes[-1]:
+        _share_limits(sheet, 1, per_row, -limit, limit)
+    for panel in lowest:
         time_axis(panel)
-    return finish(sheet, title, head=0.24)
+    return finish(sheet, title, head=0.24 if blocks == 1 else 0.38)
 
 
 def _error(panel: Axes, path: Course, error: np.ndarray) -> None:
@@ -117,6 +147,7 @@ def _range(arrays: list[np.ndarray]) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _share_limits(sheet: Sheet, row: int, low: float, high: float) -> None:
-    for panel in sheet.axes[row]:
-        panel.set_ylim(low, high)
+def _share_limits(sheet: Sheet, first: int, every: int, low: float, high: float) -> None:
+    for row in sheet.axes[first::every]:
+        for panel in row:
+            panel.set_ylim(low, high)

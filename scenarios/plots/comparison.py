@@ -22,11 +22,13 @@ from scenarios.plots.style import (
     ZERO,
     caption,
     finish,
+    folded,
     make_sheet,
     text_width,
 )
 
 CLIP = 8.0  # standard deviations; an error beyond becomes an arrow with its size
+_LABEL = 2.0  # inches, where a label is folded
 _OURS, _PUBLISHED = 0.17, -0.17  # offsets within a row
 
 
@@ -68,9 +70,11 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     not near the truth for being within it. A published value without a deviation has its per cent only.
     """
     n = len(rows)
-    labels = [plain(row.label) if row.label else symbol(row.name) for row in rows]
-    left = min(2.4, max([1.0, *(text_width(label) + 0.2 for label in labels)]))
-    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=1.85)
+    lines = [folded(plain(row.label), _LABEL) if row.label else [symbol(row.name)] for row in rows]
+    labels = ["\n".join(some) for some in lines]
+    left = max([1.0, *(text_width(line) + 0.2 for some in lines for line in some)])
+    tallest = max((len(some) for some in lines), default=1)
+    sheet = make_sheet([(0.34 + 0.15 * max(0, tallest - 2)) * n + 0.1], count=min(n, 1), left=left, right=1.85)
     panel = sheet.panels[0]
     first, second = (1.0 + inches / (WIDTH - sheet.left - sheet.right) for inches in (0.8, 1.65))  # right edges of the columns of errors
     panel.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
@@ -102,11 +106,16 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
 def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure:
     """Equivalent derivatives, one panel each: rigid value (dashed), condensed, estimated and published for each aircraft.
 
-    Bars are two standard deviations; where one is not seen it is smaller than its mark.
+    Bars are two standard deviations; where one is not seen it is smaller than its mark. Aircraft (or methods) with names
+    too long for the axis are numbered there and named under the title.
     """
     names, aircraft = list(dict.fromkeys(row.name for row in rows)), list(dict.fromkeys(row.aircraft for row in rows))
     columns = min(3, max(len(names), 1))
     sheet = make_sheet([1.45] * -(-len(names) // columns), (1.0,) * columns, count=len(names), row_gap=0.38, column_gap=0.55, left=0.6)
+    room = (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)) / columns / max(len(aircraft), 1)
+    numbered = any(text_width(name, TICK_SIZE) > room for name in aircraft)
+    if numbered:
+        title = "\n".join([title, *(f"{number}: {name}" for number, name in enumerate(aircraft, start=1))])
     for name, panel in zip(names, sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
         unit = display_unit(of_name[0].unit)
@@ -118,7 +127,8 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
             _bar(panel, x, row.estimate, row.std, unit.factor, "o", BLUE, "estimated ±2σ")
             if row.published is not None:
                 _bar(panel, x + 0.2, row.published, row.published_std, unit.factor, "s", VERMILION, "published ±2σ")
-        panel.set_xticks(range(len(aircraft)), [plain(name) for name in aircraft])
+        panel.set_xticks(range(len(aircraft)), [str(i + 1) if numbered else plain(name) for i, name in enumerate(aircraft)])
+        panel.tick_params(labelbottom=True)
         panel.set_xlim(-0.6, len(aircraft) - 0.4)
         panel.grid(False, axis="x")
         panel.margins(y=0.12)

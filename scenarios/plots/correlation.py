@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from scenarios.plots.display import plain, symbol
-from scenarios.plots.style import BLACK, DPI, GREY, LABEL_SIZE, TICK_SIZE, TITLE_SIZE, WIDTH, text_width
+from scenarios.plots.display import symbol
+from scenarios.plots.style import BLACK, DPI, GREY, LABEL_SIZE, TICK_SIZE, WIDTH, draw_title, text_width, title_space
 from sim.errors import ModelError
 
 LARGE = 0.9
-_RIGHT, _TOP = 1.0, 0.5  # inches
+_RIGHT, _COUNT = 1.0, 0.28  # inches
 
 
 def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE) -> Figure:
@@ -33,7 +33,9 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     size = LABEL_SIZE if n <= 20 else TICK_SIZE - 2.0
     left, bottom = (max([0.6, *(text_width(label, size) + 0.2 for label in some)]) for some in (labels[1:], labels[:-1]))
     cell = min(max(0.42, min(0.8, 2.0 / n)), (WIDTH - left - _RIGHT) / n)
-    width, height = max(n * cell + left + _RIGHT, 4.2), max(n * cell, 1.2) + _TOP + bottom
+    width = max(n * cell + left + _RIGHT, 4.2)
+    head = title_space(title, width)
+    height = max(n * cell, 1.2) + head + _COUNT + bottom
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     panel = figure.add_axes((left / width, bottom / height, n * cell / width, n * cell / height))
     image = panel.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="nearest", aspect="auto")
@@ -56,6 +58,6 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     bar.ax.tick_params(labelsize=TICK_SIZE)
     pairs = int(np.count_nonzero(below & (np.abs(np.nan_to_num(matrix)) > large)))
     counted = f"{pairs} of {n * (n + 1) // 2} pairs above {large:g} in size (framed)"
-    figure.text(0.15 / width, 1.0 - 0.08 / height, plain(title), fontsize=TITLE_SIZE, fontweight="bold", va="top")
-    figure.text(0.15 / width, 1.0 - (0.3 if title else 0.1) / height, counted, fontsize=TICK_SIZE, va="top")
+    draw_title(figure, title, width, height)
+    figure.text(0.15 / width, 1.0 - (head + 0.04) / height, counted, fontsize=TICK_SIZE, va="top")
     return figure

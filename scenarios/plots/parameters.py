@@ -24,6 +24,7 @@ def figure_parameter_histories(
     published: Mapping[str, ValueAndStd] | None = None,
     prior: Mapping[str, ValueAndStd] | None = None,
     title: str = "",
+    true_label: str = "true",
 ) -> Figure:
     """Estimate and band of two standard deviations over time, one small panel for each parameter.
 
@@ -31,7 +32,7 @@ def figure_parameter_histories(
     ----------
     names, units : parameters (or states) to show, in the history; the axes show where they settle, so a wide band may
         begin outside.
-    true : dashed lines. published : a square after the last sample, prior : a diamond before the first, each with two
+    true : dashed lines, named ``true_label``. published : a square after the last sample, prior : a diamond before the first, each with two
         standard deviations where these are known. One far outside the panel becomes an arrow with its value.
 
     After a breakdown the course ends, and its panels say when.
@@ -50,7 +51,7 @@ def figure_parameter_histories(
             caption(panel, f"{axis_label(name, shown)}: no sound sample", LABEL_SIZE)
             continue
         path = course(history, name, shown.factor)
-        _panel(panel, path, history, shown, published.get(name), prior.get(name), true.get(name))
+        _panel(panel, path, history, shown, published.get(name), prior.get(name), true.get(name), true_label)
     for panel in sheet.panels[-columns:]:
         time_axis(panel)
     return finish(sheet, title, head=0.24)
@@ -70,13 +71,14 @@ def _panel(
     published: ValueAndStd | None,
     prior: ValueAndStd | None,
     true: float | None,
+    true_label: str,
 ) -> None:
     low, high = path.mean - 2.0 * path.std, path.mean + 2.0 * path.std
     panel.fill_between(path.time, low, high, color=SKY, alpha=0.35, linewidth=0, label="±2σ")
     panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
     marks = [] if true is None else [unit.factor * true]
     if true is not None:
-        panel.axhline(marks[0], label="true", zorder=3, **TRUE)
+        panel.axhline(marks[0], label=true_label, zorder=3, **TRUE)
     bottom, top = settled_limits(low, path.mean, high, marks)
     first, last = float(history.time[0]), float(history.time[-1])
     pad = 0.05 * (last - first)

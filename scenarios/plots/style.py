@@ -6,6 +6,7 @@ Panels are placed in inches by hand: a layout engine draws every figure twice to
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -33,7 +34,8 @@ ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
-_TITLE, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.28, 0.2, 0.066, 0.55  # inches
+_TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_BOLD = 1.1  # how much wider bold letters are
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,7 @@ def make_sheet(
 def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 0.08, legend: bool = True) -> Figure:
     """Place the panels, with the title and one legend of everything labelled above them, where it covers nothing.
 
+    Of a title of several lines the first is bold; long lines are folded.
     ``bottom`` and ``head`` (inches) are kept free for the labels below the last and above the first row.
     """
     figure = sheet.figure
@@ -107,7 +110,7 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
     inner = WIDTH - sheet.left - sheet.right
     columns = _legend_columns(list(handles), WIDTH - 0.3)
     legend_height = -(-len(handles) // columns) * _LEGEND_ROW + 0.06 if handles else 0.0
-    title_height = _TITLE if title else 0.0
+    title_height = title_space(title, WIDTH)
     body = sum(sheet.heights) + sheet.row_gap * (len(sheet.heights) - 1)
     height = bottom + body + head + legend_height + title_height + 0.04
     figure.set_size_inches(WIDTH, height)
@@ -124,8 +127,7 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
         if len(row) > 0 and row[0].get_ylabel():
             for panel in row:
                 panel.yaxis.set_label_coords(-(0.56 if panel is row[0] else 0.48) / (panel.get_position().width * WIDTH), 0.5)
-    if title:
-        figure.text(0.15 / WIDTH, 1.0 - 0.08 / height, plain(title), fontsize=TITLE_SIZE, fontweight="bold", va="top", ha="left")
+    draw_title(figure, title, WIDTH, height)
     if handles:
         drawn = figure.legend(
             list(handles.values()),
@@ -145,6 +147,24 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
             if isinstance(handle, Line2D) and handle.get_markersize() < _SMALL:
                 handle.set_markersize(2.5 * handle.get_markersize())
     return figure
+
+
+def title_space(title: str, width: float) -> float:
+    """Height that a title takes in a figure of this width, inches; zero without one."""
+    return len(_title_lines(title, width)) * _TITLE_ROW + 0.11 if title else 0.0
+
+
+def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
+    """Write a title at the top left of a figure of ``width`` by ``height`` inches."""
+    for number, (line, bold) in enumerate(_title_lines(title, width) if title else ()):
+        y = 1.0 - (0.08 + number * _TITLE_ROW) / height
+        size, weight = (TITLE_SIZE, "bold") if bold else (LABEL_SIZE, "normal")
+        figure.text(0.15 / width, y, plain(line), fontsize=size, fontweight=weight, va="top", ha="left")
+
+
+def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
+    """A text in lines that fit ``width`` inches, broken at words."""
+    return textwrap.wrap(text, max(8, int(width * TICK_SIZE / (_CHARACTER * points))), break_long_words=False)
 
 
 def text_width(text: str, points: float = LABEL_SIZE) -> float:
@@ -184,6 +204,13 @@ def _dress(panel: Axes) -> None:
     # A power of ten stands above the numbers, clear of the caption.
     panel.yaxis.get_offset_text().set_horizontalalignment("right")
     panel.yaxis.get_offset_text().set_x(-0.02)
+
+
+def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
+    """Folded lines, and whether each is bold."""
+    first, *rest = title.split("\n")
+    room = width - 0.3
+    return [(line, True) for line in folded(first, room / _BOLD, TITLE_SIZE)] + [(line, False) for text in rest for line in folded(text, room)]
 
 
 def _labelled(sheet: Sheet) -> dict[str, Any]:

@@ -9,10 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from scenarios.comparing import comparison
 from scenarios.declaration import Estimation, ManeuverPlan, Start
 from scenarios.estimating import declared_model, vehicle_constants
 from scenarios.flying import DISTANCES, true_model
 from scenarios.library import load_scenario, scenario_names, scenario_text
+from scenarios.notes import flexibility_sentences
 from scenarios.published import published_values
 from scenarios.run import MethodResult, Study, assumed_noise, run_scenario
 from sim.vehicles.library import read_parameter_set
@@ -158,9 +160,24 @@ def test_equivalents_are_within_three_sigma_of_condensation_and_the_residual_say
     plain = method("flexible-ac1-equivalent", "no-process-noise")
     assert max(abs(row.sigmas or 0.0) for row in plain.rows) > 10
     assert min(test.p_value for test in plain.tests) < 1e-20, "a rigid model leaves a residual that is not white"
-    note = next(note for note in study("flexible-ac1-equivalent").notes if note.startswith("no-process-noise, residual of q"))
-    share, white = int(note.split(": ")[1].split(" %")[0]), int(note.split("white noise: ")[1].split(" %")[0])
+    note = next(note for note in study("flexible-ac1-equivalent").notes if note.startswith("no-process-noise: share"))
+    share, white = int(note.split(" q ")[1].split(" %")[0]), int(note.split("white noise has ")[1].split(" %")[0])
     assert share > 3 * white
+
+
+def test_a_rigid_model_serves_the_first_flexible_aircraft_and_no_longer_the_second() -> None:
+    serves = {}
+    for name in ("flexible-ac1-equivalent", "flexible-ac2-equivalent"):
+        found, written = study(name).flexibility, comparison(study(name))["flexibility"]
+        assert found is not None
+        assert written["misfit"] == found.misfit and written["largest_misfit"] == 1.0 and written["degree"] == found.degree
+        serves[name] = written["rigid_serves"]
+        said = " ".join(flexibility_sentences(found, study(name).scenario.flight.noise_std))
+        assert ("no longer serves" in said) is not written["rigid_serves"]
+        for row in study(name).main.rows:
+            assert row.condensed == pytest.approx(found.condensed[row.name], rel=1e-9)
+    assert list(serves.values()) == [True, False]
+    assert study("rigid").flexibility is None and "flexibility" not in comparison(study("rigid"))
 
 
 def test_same_seed_same_numbers_other_seed_other_numbers() -> None:

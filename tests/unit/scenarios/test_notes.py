@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.library import load_scenario
-from scenarios.notes import elastic_frequencies, periodogram, prior_note, residual_notes
+from scenarios.notes import elastic_frequencies, periodogram, prior_note, residual_note
 from scenarios.run import run_scenario
 from sim.vehicles.factory import flexible_model, rigid_model
 from sim.vehicles.library import read_parameter_set
@@ -32,4 +32,4 @@ def test_notes_name_what_only_the_prior_determines() -> None:
     result = run_scenario(scenario).main.result
     assert "CL_de" in prior_note(result)
     assert "Cm_de" not in prior_note(result)
-    assert residual_notes(result, rigid_model(read_parameter_set("bomber_rigid"))) == ()
+    assert residual_note(result, rigid_model(read_parameter_set("bomber_rigid"))) == ""
