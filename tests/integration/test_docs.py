@@ -1,0 +1,146 @@
+"""What the documents show is true: their files are read, their commands run, their outputs appear, their links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from scenarios import schema
+from tests.integration.command_line import CommandLine
+
+ROOT = Path(__file__).parents[2]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "labs").rglob("*.md")])
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#\s]+)\)")
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(path: Path) -> Iterator[tuple[str, str]]:
+    for found in BLOCK.finditer(path.read_text(encoding="utf-8")):
+        yield found[1], found[2]
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+READERS_FILES = {"docs/how-to/own-effect.md"}  # commands on files that only the reader has
+WITH_COMMANDS = [
+    path
+    for path in DOCUMENTS
+    if name_of(path) not in READERS_FILES and any(kind == "sh" and re.search(r"^flightid ", text, re.MULTILINE) for kind, text in blocks(path))
+]
+
+
+@pytest.mark.parametrize("path", WITH_COMMANDS, ids=name_of)
+def test_commands_do_what_the_document_shows(path: Path, flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ``toml`` block that begins with ``# file: NAME`` is that file; ``# refused`` behind a command means exit code 2; each line
+    of a ``text`` block stands in what the commands before it printed or wrote."""
+    monkeypatch.chdir(tmp_path)
+    for folder in ("docs", "labs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    seen = ""
+    for kind, text in blocks(path):
+        if kind == "toml" and text.startswith("# file: "):
+            (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
+        elif kind == "sh":
+            seen = "".join(run(line, flightid) for line in text.splitlines() if line.startswith("flightid "))
+        elif kind == "text":
+            for line in text.splitlines():
+                assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
+
+
+def run(line: str, flightid: CommandLine) -> str:
+    """Run a command line of a document; ``> FILE`` takes what it prints."""
+    call, _, remark = line.partition("#")
+    arguments = shlex.split(call)[1:]
+    if "refused" in remark:
+        return flightid.refused(*arguments)
+    if ">" in arguments:
+        at = arguments.index(">")
+        Path(arguments[at + 1]).write_text(flightid.done(*arguments[:at]))
+        return ""
+    return flightid.done(*arguments)
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in LINK.findall(path.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (path.parent / target).exists(), target
+
+
+SECTIONS: dict[str, type[BaseModel]] = {
+    "The file": schema._Scenario,
+    "`[flight]`": schema._Flight,
+    "`[[flight.maneuvers]]`": schema._Maneuver,
+    "`[estimate]`": schema._Estimate,
+    "`[estimate.start]` and `[estimate.initial]`": schema._Spread,
+    "`published`": schema._Published,
+}
+
+
+def documented(title: str) -> dict[str, str]:
+    """Key -> default of the table under a heading of docs/scenarios.md."""
+    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
+    rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| `")]
+    return {key.strip().strip("`"): default.strip() for key, default, *_ in rows}
+
+
+def shown(default: object) -> str:
+    if default is PydanticUndefined:
+        return "required"
+    if default is None:
+        return "none"
+    if default in ("", [], {}):
+        return "empty"
+    return f"`{str(default).lower() if isinstance(default, bool) else default}`"
+
+
+@pytest.mark.parametrize("title", SECTIONS)
+def test_scenario_keys_and_defaults_are_documented(title: str) -> None:
+    model = SECTIONS[title]
+    assert documented(title) == {field.alias or name: shown(field.default) for name, field in model.model_fields.items()}
+
+
+def test_every_choice_of_a_scenario_is_documented() -> None:
+    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    for title, model in SECTIONS.items():
+        section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
+        for field in model.model_fields.values():
+            for choice in choices(field.annotation):
+                assert f"`{choice}`" in section, (title, choice)
+
+
+def test_every_table_of_the_schema_is_documented() -> None:
+    tables = {
+        kind for kind in vars(schema).values() if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in (BaseModel, schema._Strict)
+    }
+    assert tables == set(SECTIONS.values())
+
+
+def choices(annotation: object) -> tuple[str, ...]:
+    if typing.get_origin(annotation) is typing.Literal:
+        return typing.get_args(annotation)
+    if isinstance(annotation, types.UnionType):
+        return tuple(choice for part in typing.get_args(annotation) for choice in choices(part))
+    return ()
+
+
+def test_the_commands_of_the_readme_are_those_that_exist(flightid: CommandLine) -> None:
+    listed = {line.split()[0] for line in flightid.done("--help").split("Commands:")[1].splitlines() if line.startswith("  ") and line[2] != " "}
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert {name for name in listed if f"| `flightid {name}" not in text} == set()
+    assert set(re.findall(r"^\| `flightid (\w+)", text, re.MULTILINE)) <= listed
