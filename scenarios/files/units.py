@@ -145,7 +145,7 @@ def _si_size(text: str) -> _Size | None:
         total += np.array(_SI[found[2]]) * power
         degrees += power if found[2] == "deg" else 0
         at = found.end()
-    return _Size(*(int(power) for power in total), degrees) if text else None
+    return _Size(*(int(power) for power in (*total, degrees))) if text else None
 
 
 def _pounds(text: str, target: str) -> str:

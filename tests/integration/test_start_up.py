@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -41,15 +40,14 @@ def test_help_and_list_import_nothing_heavy(arguments: tuple[str, ...]) -> None:
 
 
 def test_help_starts_fast() -> None:
-    code = "import sys; from scenarios.cli import main; main(['--help'])"
-    bare: list[float] = []
-    helped: list[float] = []
-    for _ in range(3):  # the fastest of three, as a multiple of an empty interpreter's start: other work on the machine slows both
-        for times, text in ((bare, "pass"), (helped, code)):
-            begun = time.perf_counter()
-            assert process(text).returncode == 0
-            times.append(time.perf_counter() - begun)
-    assert min(helped) < 0.3 or min(helped) < 15 * min(bare)
+    """Processor time, the least of three: other work on the machine stretches the wall clock, not this."""
+    spent: list[float] = []
+    for _ in range(3):
+        before = os.times()
+        assert process("from scenarios.cli import main; main(['--help'])").returncode == 0
+        after = os.times()
+        spent.append(after.children_user - before.children_user + after.children_system - before.children_system)
+    assert min(spent) < 0.3
 
 
 def test_a_run_imports_neither_control_nor_pandas(tmp_path: Path) -> None:
