@@ -123,7 +123,7 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
         if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
             settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
             before, fit, damping = fit, trial, max(damping / 10.0, floor)
-            if np.all(settled):
+            if np.all(settled) or before.cost - fit.cost < settings.enough:
                 outcome = Outcome.CONVERGED
                 break
             expected, after = fit.normal_equations()

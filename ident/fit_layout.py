@@ -30,6 +30,7 @@ class FitSettings:
     tolerance : the fit has settled when a step moves no parameter by more than this share of its sigma.
     use_priors : add the Gaussian priors of parameters and initial states to the cost.
     coloured : correct the covariance for residuals that are not white.
+    enough : the fit also ends when a step lowers the cost by less than this: for comparing models it need not be lower.
     exact : derivatives by complex steps; ten times dearer than differences, which are good to a millionth.
     """
 
@@ -38,6 +39,7 @@ class FitSettings:
     tolerance: float = 1e-3
     use_priors: bool = False
     coloured: bool = True
+    enough: float = 0.0
     exact: bool = False
 
 

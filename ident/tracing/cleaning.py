@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.filter_error import noise_levels
+from ident.tracing.acceptance import HeldOut
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.node import Node, is_event
 from ident.tracing.outliers import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
@@ -47,6 +48,24 @@ def spike_claims(search: Search, node: Node) -> tuple[list[np.ndarray], list[Cla
         by_channel.setdefault(spike.channel, []).append(spike)
     claims = [_claim(f"sensor-spikes:{channel}", found, units[channel], _sigma(node, channel)) for channel, found in by_channel.items()]
     return [mask & valid for mask, valid in zip(masks, measured, strict=True)], claims
+
+
+def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray] | None:
+    """Validity of held-out samples without what stands alone above its neighbours; None where the fit failed."""
+    if out.frozen is None:
+        return None
+    masks = []
+    for residual, problem, record in zip(out.frozen.residuals, out.frozen.layout.problems, records, strict=True):
+        masks.append(problem.valid & provisional_mask(residual, problem.valid, input_edges(record)))
+    return masks
+
+
+def mended_inputs(record: Record, claims: Sequence[str]) -> Record:
+    """A held-out record with spikes of those inputs mended that were claimed to have some."""
+    for channel in record.inputs:
+        if f"sensor-spikes:{channel.name}" in claims:
+            record = _mended(record, channel.name, input_spikes(channel.values))
+    return record
 
 
 def cleaned_inputs(search: Search, root: Node) -> tuple[Search, Node, list[Claim]]:

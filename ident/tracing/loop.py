@@ -9,14 +9,16 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.filter_error import filter_error_estimate, noise_levels
+from ident.fit import Fit
 from ident.modal import modal_estimate
 from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness
-from ident.tracing.cleaning import cleaned_inputs, measured_masks, spike_claims, spike_masks
+from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.node import Node
+from ident.tracing.outliers import final_spikes
 from ident.tracing.search import Search, grow, look_back, quantities, refined
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge
@@ -77,8 +79,12 @@ def diagnose(
         root = search.fit((), root) or root
     stage("spikes")
     progress("judging on data that were not fitted", 0.9)
-    best, out_after = best_by_held_out(search, best, validation)
-    out_before = held_out(root, validation, None, informed=False) if validation else HeldOut(None, None)
+    out_before, seen, kept = HeldOut(None, None), list(validation), None
+    if validation:
+        seen = [mended_inputs(record, [claim.name for claim in input_claims]) for record in validation]
+        kept = held_out_masks(held_out(root, validation, None, informed=False), seen, outputs)
+        out_before = held_out(root, validation, kept, informed=False)
+    best, out_after = best_by_held_out(search, best, seen, kept)
     tests_before = tuple(whiteness(root.fit, "fitted"))
     tests_after = tuple(whiteness(best.fit, "fitted"))
     if out_after.informed is not None:
@@ -158,12 +164,11 @@ def _diagnosis(
     )
 
 
-def spike_masks_of(fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:  # type: ignore[no-untyped-def]
+def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Validity of held-out samples with isolated spikes set aside, for error figures only."""
-    from ident.tracing.outliers import final_spikes
-
     system = fit.layout.system
-    everything = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(fit.layout.problems, fit.lines, strict=True)]
+    every = zip(masks, fit.layout.problems, fit.lines, strict=True)
+    everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
     blocked = [np.zeros(residual.shape[1], dtype=bool) for residual in everything]
     kept, _ = final_spikes([], system.output_names, everything, list(masks), blocked)
     return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
@@ -183,8 +188,11 @@ def _derivatives(search: Search, node: Node) -> dict[str, Quantity]:
 def _derived(node: Node) -> dict[str, Quantity]:
     if not node.system.inputs:
         return {}
-    units = {"natural_frequency": "rad/s", "damping_ratio": "1"}
-    return {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, _estimate(node)).items()}
+    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, _estimate(node)
+    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, estimate).items()}
+    if "delay" in estimate.names:
+        out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
+    return out
 
 
 def _estimate(node: Node) -> Estimate:

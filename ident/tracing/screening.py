@@ -19,7 +19,7 @@ from sim.errors import ModelError
 from sim.tracing import Occasion, Probe, fitted_to
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
-PLACES = 80  # over the record, for effects that may begin anywhere
+PLACES = 60  # over the record, for effects that may begin anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,25 +101,22 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
     spans = white.rows if apart else (slice(None),)
     for probe, parts in zip(probes, signatures, strict=True):
         places = _places(node, probe, onset)
-        blocks = _placed(node, parts, white, places)
-        gains = np.zeros(len(places))
-        amplitudes, contribution = np.zeros((len(places), blocks.shape[2])), np.zeros(blocks.shape[:2])
+        flat = _placed(node, parts, white, places)
+        k = flat.shape[1] // len(places)
+        gains, amplitudes, each = np.zeros(len(places)), np.zeros((len(places), k)), []
         for rows in spans:
-            only = blocks
-            if apart:
-                only = np.zeros_like(blocks)
-                only[:, rows] = blocks[:, rows]
-            share, a, f = _explained(white, only, total)
+            share, a = _explained(white, rows, flat, k, total)
             gain = -0.5 * N * np.log1p(-np.minimum(share, 0.999999))
             amplitudes = np.where((gain > gains)[:, None], a, amplitudes)
-            gains, contribution = gains + gain, contribution + f
+            gains = gains + gain
+            each.append((rows, a))
         for place in np.argsort(-gains)[: 2 * most]:
             values = dict(probe.values)
             if probe.shifts:
                 values[onset] = values[onset] + places[place] * occasion.interval
             start = _start(effect, Probe(values, probe.slopes), amplitudes[place])
             if start is not None and gains[place] > 0:
-                results.append((float(gains[place]), start, contribution[place]))
+                results.append((float(gains[place]), start, _added(white, flat[:, place * k : (place + 1) * k], each, int(place))))
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
@@ -142,40 +139,55 @@ def _places(node: Node, probe: Probe, onset: str) -> list[int]:
 
 
 def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
-    """Whitened signature at each place, ``(places, D, k)``.
+    """Whitened signature at each place, ``(D, places k)``, the columns of a place side by side.
 
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
     k = parts[0].shape[2]
-    out = np.zeros((len(places), len(white.e), k))
+    out = np.zeros((len(white.e), len(places) * k))
     for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
         m, N = part.shape[:2]
         moved = np.zeros((m, N, len(places), k))
         for number, shift in enumerate(places):
             if shift < N:
                 moved[:, shift:, number] = part[:, : N - shift]
-        standard = node.fit.whiten(r, moved.reshape(m, N, -1)).reshape(m * N, len(places), k)
-        out[:, rows] = standard.transpose(1, 0, 2)
+        out[rows] = node.fit.whiten(r, moved.reshape(m, N, -1)).reshape(m * N, -1)
     return out
 
 
-def _explained(white: _Whitened, blocks: np.ndarray, total: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each block ``(places, D, k)``: share of the residual that it explains, amplitudes ``(places, k)``, what it adds ``(places, D)``."""
-    places, D, k = blocks.shape
-    flat = blocks.transpose(1, 0, 2).reshape(D, -1)
-    before = np.linalg.norm(flat, axis=0)
-    flat = flat - white.Q @ (white.Q.T @ flat)
-    size = np.linalg.norm(flat, axis=0)
+def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: float) -> tuple[np.ndarray, np.ndarray]:
+    """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and their amplitudes ``(places, k)``.
+
+    The residual stands orthogonal to the node's Jacobian, so that only sizes of the projected columns are needed.
+    """
+    block, Q, e = flat[rows], white.Q[rows], white.e[rows]
+    places = block.shape[1] // k
+    inside = (Q.T @ block).reshape(-1, places, k)
+    cube = block.reshape(-1, places, k)
+    raw, gram = np.zeros((places, k)), np.zeros((places, k, k))
+    for i in range(k):
+        for j in range(i + 1):
+            whole = np.einsum("dp,dp->p", cube[:, :, i], cube[:, :, j])
+            gram[:, i, j] = gram[:, j, i] = whole - np.einsum("dp,dp->p", inside[:, :, i], inside[:, :, j])
+            if i == j:
+                raw[:, i] = whole
+    size = np.sqrt(np.maximum(np.einsum("pii->pi", gram), 0.0))
     # What the node's own parameters explain but for rounding is no signature.
-    sound = np.isfinite(size) & (size > 1e-6 * before) & (size > 0)
-    scaled = np.where(sound, flat / np.where(sound, size, 1.0), 0.0)
-    b = (white.e @ scaled).reshape(places, k)
-    cube = scaled.reshape(D, places, k).transpose(1, 0, 2)
-    gram = np.swapaxes(cube, 1, 2) @ cube + 1e-9 * np.eye(k) + np.eye(k) * ~sound.reshape(places, 1, k)
-    coefficients = np.linalg.solve(gram, b[:, :, None])[:, :, 0]
-    added = (cube @ coefficients[:, :, None])[:, :, 0]
-    share = np.clip(np.einsum("pk,pk->p", coefficients, b) / total, 0.0, 1.0)
-    return share, np.where(sound, coefficients.ravel() / np.where(sound, size, 1.0), 0.0).reshape(places, k), added
+    sound = np.isfinite(size) & (size > 1e-5 * np.sqrt(raw)) & (size > 0)
+    scale = np.where(sound, 1.0 / np.where(sound, size, 1.0), 0.0)
+    b = (e @ block).reshape(places, k) * scale
+    unit = gram * scale[:, :, None] * scale[:, None, :] + np.eye(k) * (1e-9 + ~sound[:, None, :])
+    coefficients = np.linalg.solve(np.where(np.isfinite(unit), unit, 0.0) + np.eye(k) * ~np.isfinite(unit), np.nan_to_num(b)[:, :, None])[:, :, 0]
+    share = np.clip(np.einsum("pk,pk->p", coefficients, np.nan_to_num(b)) / total, 0.0, 1.0)
+    return share, coefficients * scale
+
+
+def _added(white: _Whitened, columns: np.ndarray, each: Sequence[tuple[slice, np.ndarray]], place: int) -> np.ndarray:
+    """What one place adds to the projected outputs, ``(D,)``."""
+    out = np.zeros(len(white.e))
+    for rows, amplitudes in each:
+        out[rows] += columns[rows] @ amplitudes[place]
+    return out - white.Q @ (white.Q.T @ out)
 
 
 def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[list[np.ndarray]]:

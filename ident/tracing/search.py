@@ -31,7 +31,7 @@ COLLINEAR = 0.9
 FEW = 3  # samples
 WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
-HOPELESS = 0.2
+HOPELESS, RIVAL = 0.2, 0.5
 
 
 @dataclass(eq=False)
@@ -59,7 +59,9 @@ class Search:
 
     def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
         """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
-        settings = FitSettings(max_step=self.settings.max_step, iterations=20 if rough else 60, tolerance=0.03 if rough else 1e-3)
+        settings = FitSettings(
+            max_step=self.settings.max_step, iterations=20 if rough else 60, tolerance=0.03 if rough else 1e-3, enough=0.2 if rough else 0.0
+        )
         values, levels = (None, None) if start is None else (start.values, levels_of(start))
         return fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
 
@@ -151,12 +153,15 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
     findings = screen(node, search.candidates, occasion_at(node, search.beside))
     search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
     accepted: list[Node] = []
-    tried, most = 0, 0.0
+    tried, most, explained = 0, 0.0, None
     for finding in findings:
         if _excluded(node, finding.effect) or isinstance(finding.effect, NoiseEffect):
             continue
         # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
         worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (tried < 2 or finding.gain > HOPELESS * most)
+        if explained is not None:
+            # Nothing is missing any more: only what might explain it as well is still of interest.
+            worth = worth and (finding.gain > RIVAL * most or collinear(finding, explained) > COLLINEAR)
         child = _best_fit(search, node, finding) if tried < search.settings.tried and worth else None
         tried += child is not None
         gain = finding.gain if child is None else node.fit.cost - child.fit.cost
@@ -174,6 +179,8 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
                 Step(child.names, search.score(child), child.fit.log_likelihood, f"{finding.effect.name} lowers the criterion by {lowered:.1f}")
             )
             accepted.append(search.nodes[frozenset(child.names)])
+            if explained is None and is_white(child):
+                explained = finding
     if not any(is_white(child) for child in accepted):
         accepted += _with_random_motion(search, node, number)
     return accepted

@@ -22,17 +22,17 @@ AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out
 ALTERNATIVE = 10.0  # the same, below which the other is named beside
 
 
-def best_by_held_out(search: Search, best: Node, validation: Sequence[Record]) -> tuple[Node, HeldOut]:
+def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> tuple[Node, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
-    out = held_out(best, validation, None) if validation else HeldOut(None, None)
+    out = held_out(best, validation, masks) if validation else HeldOut(None, None)
     if not best.effects:
         return best, out
-    best, out = _in_freer_form(search, best, out, validation)
+    best, out = _in_freer_form(search, best, out, validation, masks)
     total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
     nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
     for node in _near(search, best):
         other = refined(search, node)
-        fits = held_out(other, validation, None) if validation else HeldOut(None, None)
+        fits = held_out(other, validation, masks) if validation else HeldOut(None, None)
         key = frozenset(other.names)
         nodes[key], outs[key], total[key] = other, fits, search.score(other) + _held_out_cost(fits)
     chosen = min(total, key=lambda key: total[key])
@@ -40,7 +40,9 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record]) -
     return nodes[chosen], outs[chosen]
 
 
-def _in_freer_form(search: Search, best: Node, out: HeldOut, validation: Sequence[Record]) -> tuple[Node, HeldOut]:
+def _in_freer_form(
+    search: Search, best: Node, out: HeldOut, validation: Sequence[Record], masks: Sequence[np.ndarray] | None
+) -> tuple[Node, HeldOut]:
     """The same causes in their freer forms, where held-out data ask for it: other levels of input show more of a curve."""
     if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
         return best, out
@@ -48,7 +50,7 @@ def _in_freer_form(search: Search, best: Node, out: HeldOut, validation: Sequenc
     finer = search.fit(effects, best)
     if finer is None:
         return best, out
-    other = held_out(finer, validation, None)
+    other = held_out(finer, validation, masks)
     if other.informed is None or out.informed is None or other.informed.cost >= out.informed.cost or doubted(other):
         return best, out
     search.keep(finer, search.score(best))
