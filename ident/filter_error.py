@@ -18,6 +18,7 @@ from ident.output_error import failed_estimate, fit_covariance
 from ident.process_noise import SCALE, ProcessNoise, is_forced, process_noise
 from ident.random_motion import Variation, random_motion
 from ident.residuals import ljung_box
+from ident.restricted import restricted_levels
 from ident.weighing import WHITE
 from ident.whitener import whitener
 from sim.errors import ModelError
@@ -42,8 +43,8 @@ def fit_filter_error(records: Sequence[Record], system: System, settings: FitSet
     Returns
     -------
     Estimate of the shared free parameters and, for declared process noise, of ``process_noise_scale``. ``noise_std`` are the
-    estimated levels of the measurement noise; ``log_likelihood`` compares with that of an output-error fit of the
-    same data. ``fitted`` is the deterministic part, without the random motion. Outcomes as of ``fit_output_error``.
+    estimated levels of the measurement noise; ``log_likelihood`` compares with that of an output-error fit of the same data.
+    ``fitted`` is predicted one step ahead: measured minus fitted are the innovations. Outcomes as of ``fit_output_error``.
 
     Raises
     ------
@@ -151,25 +152,40 @@ def noise_start(fit: Fit) -> np.ndarray:
 
 
 def filter_error_estimate(fit: Fit) -> Estimate:
-    """The shared parameters of a fit with process noise, and the scale of declared process noise, as an Estimate."""
+    """The shared parameters of a fit with process noise, and the scale of declared process noise, as an Estimate.
+
+    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood: see `ident.restricted`.
+    """
     layout, system = fit.layout, fit.layout.system
     assert isinstance(layout.weighing, ProcessNoise)
     covariance, determined = fit_covariance(fit)
+    theta, factor = restricted_levels(fit, covariance)
+    covariance = covariance * np.outer(factor, factor)
     scaled = layout.weighing.scaled
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
         (*layout.shared, *([SCALE] if scaled else [])),
         (*(system.parameters[name].unit for name in layout.shared), *(["1"] if scaled else [])),
-        fit.theta[at],
+        theta[at],
         covariance[np.ix_(at, at)],
         fit.outcome if determined else Outcome.NOT_IDENTIFIABLE,
         fit.log_likelihood,
         system.output_names,
-        layout.weighing.levels(fit.theta)[0],
-        tuple(line.y for line in fit.lines),
+        layout.weighing.levels(theta)[0],
+        tuple(one_step_prediction(fit, r) for r in range(len(fit.lines))),
         iterations=fit.iterations,
     )
+
+
+def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
+    """Outputs ``(m, N)`` of record ``r`` that a fit with process noise expects from the samples before each."""
+    problem, filter = fit.layout.problems[r], fit.weighed.filters[r]
+    motion, state = filter.whitener.motion, filter.residual.state[:, :, None]
+    predicted = np.zeros_like(state)
+    predicted[1:] = motion.Phi @ state[:-1]
+    added = (motion.H @ predicted)[problem.grid.sample // problem.grid.substeps, :, 0]
+    return np.asarray(fit.lines[r].y + added.T)
 
 
 def turbulence_worth_trying(fit: Fit, lags: int = 25) -> float:

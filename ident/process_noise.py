@@ -103,6 +103,13 @@ class ProcessNoise:
     def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""
         low, high = layout.low.copy(), layout.high.copy()
+        for i in self.setting_noise(layout, theta):
+            if theta[i] > 0:
+                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
+        return low, high
+
+    def setting_noise(self, layout: FitLayout, theta: np.ndarray) -> np.ndarray:
+        """Positions of the unknowns that set the noise: its own, and parameters of the System that move the forcing's density."""
         n = len(theta)
         positions = set(range(n - len(self.names), n))
         for r in range(len(layout.problems)):
@@ -110,10 +117,7 @@ class ProcessNoise:
             density = _density(layout.system, p)
             setting = [q for q, index in enumerate(layout.order) if np.any(_density(layout.system, _stretched(p, index)) != density)]
             positions |= set(layout.columns(r)[setting].tolist())
-        for i in positions:
-            if theta[i] > 0:
-                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
-        return low, high
+        return np.array(sorted(positions), dtype=int)
 
     def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
         """Innovations of the columns over their standard deviation, zero where a sample is missing."""

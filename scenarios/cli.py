@@ -76,7 +76,7 @@ def identify(
     channels: Channels = None,
     start: From = None,
     stop: To = None,
-    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error or equation-error.")] = "output-error",
+    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
     out: Out = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
 ) -> None:

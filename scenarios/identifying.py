@@ -21,10 +21,11 @@ from sim.parameters import ParameterSet
 from sim.record import Record
 from sim.system import compile_model
 
-METHODS = ("ekf", "ukf", "output-error", "equation-error")
+METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
 FIT_STEP = 0.01
 PASSES = 5
 BEGINNING = 5  # samples whose median says where a sensor begins
+ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -48,7 +49,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
 
     Each output but an altitude gets a constant bias, each record its own initial state. A filter takes its measurement
     noise from the residual of an output-error fit, its initial state from the first samples, and is
-    iterated from its own result, because a file's starting values may be far off.
+    iterated from its own result, because a file's starting values may be far off. ``filter-error`` puts an aircraft into
+    Dryden turbulence of unknown intensity and length, and forces a falling body by white noise of unknown size.
 
     Raises
     ------
@@ -67,6 +69,11 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
 
         system = compile_model(biased, outputs)
         estimate = run_equation_error([record], system)
+    elif method == "filter-error":
+        from ident.filter_error import fit_filter_error
+
+        system = compile_model(biased, outputs)
+        estimate = fit_filter_error([record], compile_model(_forced(biased), outputs), settings)
     else:
         system = compile_model(biased, outputs)
         estimate = fit_output_error([record], system, settings)
@@ -88,9 +95,30 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     rows = tuple(row for row in rows if row.name not in names)
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-    derived = {} if vehicle.model == "ballistic" or not np.all(np.isfinite(estimate.values)) else modal_estimate(system, estimate)
+    airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
+    derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
     fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
     return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests)
+
+
+def _forced(model: Model) -> Model:
+    """The model with what filter error estimates besides: turbulence where gusts act, else white noise on the acceleration."""
+    if any(port.name == "gust" for port in model.equations.ports):
+        from sim.effects.disturbance.gust_turbulence import GustTurbulence
+
+        return model.with_effects(GustTurbulence())
+    return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+
+
+def _of_parameters(estimate: Estimate, parameters: ParameterSet) -> Estimate:
+    at = [i for i, name in enumerate(estimate.names) if name in parameters]
+    return replace(
+        estimate,
+        names=tuple(estimate.names[i] for i in at),
+        units=tuple(estimate.units[i] for i in at),
+        values=estimate.values[at],
+        covariance=estimate.covariance[np.ix_(at, at)],
+    )
 
 
 def _refuse_beyond_measure(record: Record) -> None:
