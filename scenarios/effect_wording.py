@@ -121,7 +121,7 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
 
 def _stick(claim: Claim, quantity: Quantity, wording: Wording) -> str | None:
     """The unit of a number on the input path that is counted in the stick's unit; None for any other."""
-    label = wording.stick_unit if wording.stick_unit not in ("", "1") else "unit(s) of the stick"
+    label = wording.stick_unit if wording.stick_unit not in ("", "1") else "stick units"
     if wording.control != "stick" or not claim.name.startswith(("input-", "actuator-")):
         return None
     return {"1": label, "1/s": f"{label}/s"}.get(quantity.unit)

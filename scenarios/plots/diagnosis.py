@@ -45,7 +45,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     set aside are ringed; angles in degrees.
     """
     shown = _measured(fitted)
-    count, same = len(shown), np.array_equal(fitted.before, fitted.after)
+    count, same = len(shown), _same(fitted, [row for row, _ in shown])
     sides = (("residual", fitted.after),) if same else (("before", fitted.before), ("after", fitted.after))
     sheet = make_sheet([1.25] * count, (1.0,) * len(sides), row_gap=0.3, column_gap=0.42)
     for line, (row, name) in zip(sheet.axes, shown, strict=True):
@@ -89,7 +89,10 @@ def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: s
         Response(label, dict(zip(prediction.channels, values, strict=True)))
         for label, values in (("predicted after", prediction.after), ("predicted before", prediction.before))
     ]
-    return figure_fit(prediction.record, responses, None, title, noise)
+    figure = figure_fit(prediction.record, responses, None, title, noise)
+    for panel in figure.axes:
+        _few_ticks(panel)
+    return figure
 
 
 def figure_evidence(candidates: Sequence[Candidate], claimed: Sequence[str] = (), title: str = "") -> Figure:
@@ -128,39 +131,45 @@ def figure_evidence(candidates: Sequence[Candidate], claimed: Sequence[str] = ()
 
 
 def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = "") -> Figure:
-    """Derivatives with the declared model and with the effects, in per cent of the former; bars are two standard deviations."""
+    """Derivatives with the declared model and with the effects, in per cent of the former; bars are two standard deviations.
+
+    One that was not determined before, by three standard deviations, is shown in per cent of these three.
+    """
     names = [name for name in before if name in after]
     n = len(names)
     labels = [symbol(name) for name in names]
     left = min(2.0, max([0.7, *(text_width(label) + 0.25 for label in labels)]))
-    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=2.3)
+    columns = [[value_text(side[name].value, side[name].std).replace("+-", "±").replace("-", "−") for name in names] for side in (before, after)]
+    widths = [max([0.5, *(text_width(text, TICK_SIZE) for text in texts)]) + 0.12 for texts in columns]
+    sheet = make_sheet([0.34 * n + 0.1], count=min(n, 1), left=left, right=sum(widths) + 0.2)
     panel = sheet.panels[0]
     panel.axvline(0.0, **ZERO)
     inner = WIDTH - sheet.left - sheet.right
-    columns = (1.0 + 1.1 / inner, 1.0 + 2.2 / inner)
-    for x, text, colour in zip(columns, ("before", "after"), (VERMILION, BLUE), strict=True):
-        panel.text(x, n - 0.35, text, transform=panel.get_yaxis_transform(), ha="right", va="bottom", fontsize=TICK_SIZE, color=colour)
-    rows = n - 1.0 - np.arange(n)
-    start = np.array([before[name].value for name in names])
-    base = np.abs(start)
-    base = np.where(base > 0.0, base, [before[name].std for name in names])
-    reach = 5.0
-    for side, offset, marker, colour, label in ((before, 0.16, "s", VERMILION, "before ±2σ"), (after, -0.16, "o", BLUE, "after ±2σ")):
+    rows, start = n - 1.0 - np.arange(n), np.array([before[name].value for name in names])
+    base = np.maximum(np.abs(start), 3.0 * np.array([before[name].std for name in names]))
+    base = np.where(base > 0.0, base, 1.0)
+    reach, right = 5.0, 0.0
+    for side, offset, marker, colour, label, texts, width in (
+        (before, 0.16, "s", VERMILION, "before", columns[0], widths[0]),
+        (after, -0.16, "o", BLUE, "after", columns[1], widths[1]),
+    ):
         x = 100.0 * (np.array([side[name].value for name in names]) - start) / base
         bars = 200.0 * np.array([side[name].std for name in names]) / base
-        panel.errorbar(
-            x, rows + offset, xerr=bars, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, linestyle="none", label=label
-        )
+        panel.errorbar(x, rows + offset, xerr=bars, fmt=marker, color=colour, markersize=4.5, linewidth=1.2, capsize=2.5, label=f"{label} ±2σ")
         reach = max(reach, float(np.max(np.abs(x) + np.minimum(bars, 100.0), initial=0.0)))
-    for y, name in zip(rows.tolist(), names, strict=True):
-        for x, quantity, colour in zip(columns, (before[name], after[name]), (VERMILION, BLUE), strict=True):
-            text = value_text(quantity.value, quantity.std).replace("+-", "±").replace("-", "−")
-            panel.text(x, y, text, transform=panel.get_yaxis_transform(), ha="right", va="center", fontsize=TICK_SIZE, color=colour)
+        right += width
+        look: dict[str, Any] = {"transform": panel.get_yaxis_transform(), "ha": "right", "fontsize": TICK_SIZE, "color": colour}
+        panel.text(1.0 + right / inner, n - 0.35, label, va="bottom", **look)
+        for y, text in zip(rows.tolist(), texts, strict=True):
+            panel.text(1.0 + right / inner, y, text, va="center", **look)
     panel.set_yticks(range(n), labels[::-1])
     panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
     panel.set_ylim(-0.55, n - 0.45)
     panel.set_xlim(-1.08 * reach, 1.08 * reach)
     panel.set_xlabel("change of the derivative (% of its value before)", fontsize=LABEL_SIZE)
+    vague = [label for label, wide in zip(labels, base > np.abs(start), strict=True) if wide]
+    if vague:
+        caption(panel, f"{', '.join(vague)}: % of 3σ")
     return finish(sheet, title, head=0.24)
 
 
@@ -209,6 +218,12 @@ def _best(group: Sequence[Candidate]) -> list[Candidate]:
     return [c for c in ranked if first[c.name] is c][:BARS]
 
 
+def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
+    """Whether before and after differ by less than a figure can show: nothing was added."""
+    change, size = np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0), np.abs(fitted.after)[rows].max(axis=1, initial=0.0)
+    return bool(np.all(change <= 5e-3 * size))
+
+
 def _measured(fitted: FittedRecord) -> list[tuple[int, str]]:
     """Row and name of the channels that this record has; others of the fit may lack it."""
     return [(row, name) for row, name in enumerate(fitted.channels) if name in fitted.record.output_names]
@@ -222,7 +237,7 @@ def _band(panel: Axes, sigma: float) -> None:
 
 def _few_ticks(panel: Axes) -> None:
     """Ticks are most of what drawing costs, and a narrow panel has no room for many."""
-    for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 4)):
+    for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
         axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))
 
 

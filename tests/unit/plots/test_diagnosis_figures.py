@@ -1,0 +1,105 @@
+"""Figures of a diagnosis: what they draw, and that they stand odd results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.patches import Rectangle
+
+from ident.tracing.diagnosis import FittedRecord, Quantity, Verdict
+from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra, spectrum
+from scenarios.plots.files import figure_png
+from scenarios.plots.style import BLUE
+from tests.diagnoses import BALLISTIC, NOISE, tracing_of
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FittedRecord:
+    return tracing_of(Verdict.TRACED, count=200).diagnosis.fitted[0]
+
+
+def test_residuals_before_and_after_share_one_scale(fitted: FittedRecord) -> None:
+    figure = figure_residuals(fitted, NOISE)
+    panels = figure.axes
+    assert len(panels) == 6
+    for left, right in zip(panels[::2], panels[1::2], strict=True):
+        assert left.get_ylim() == right.get_ylim()
+    captions = [panel.get_title(loc="left") for panel in panels]
+    assert all(text.startswith(("before", "after")[place % 2]) for place, text in enumerate(captions))
+    (ring,) = [line for line in panels[0].lines if line.get_label() == "set aside"]
+    assert ring.get_xdata() == pytest.approx([fitted.record.time[50]])
+    # Missing samples are not drawn.
+    (dots,) = [line for line in panels[0].lines if line.get_label() == "residual"]
+    assert len(np.asarray(dots.get_xdata())) == int(fitted.record["alpha"].valid.sum()) == 197
+
+
+def test_residuals_of_an_unchanged_model_have_one_column(fitted: FittedRecord) -> None:
+    assert len(figure_residuals(replace(fitted, before=fitted.after * (1.0 + 1e-4)), NOISE).axes) == 3
+
+
+def test_channel_that_a_record_lacks_is_left_out(fitted: FittedRecord) -> None:
+    lean = replace(fitted, record=fitted.record.only(["nz"]))
+    assert len(figure_residuals(lean, NOISE).axes) == 2
+    assert len(figure_spectra(lean, NOISE).axes) == 1
+
+
+def test_held_out_shows_measured_and_both_predictions() -> None:
+    prediction = tracing_of(Verdict.TRACED, count=200).diagnosis.predictions[0]
+    figure = figure_held_out(prediction, NOISE)
+    labels = {line.get_label() for line in figure.axes[0].lines}
+    assert {"measured", "predicted before", "predicted after"} <= labels
+    (after,) = [line for line in figure.axes[0].lines if line.get_label() == "predicted after"]
+    assert np.asarray(after.get_ydata()) == pytest.approx(np.degrees(prediction.after[0]))
+
+
+def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
+    candidates = tracing_of(Verdict.PARTIAL).diagnosis.candidates
+    figure = figure_evidence(candidates, ["sensor-lag:alpha"])
+    assert len(figure.axes) == 2
+    bars = [bar for bar in figure.axes[0].patches if isinstance(bar, Rectangle)]
+    tops = sorted(bars, key=lambda bar: bar.get_y())
+    lengths = [bar.get_width() for bar in tops]
+    assert lengths == sorted(lengths) and len(lengths) == 4
+    assert to_hex(tops[-1].get_facecolor()) == BLUE.lower()
+    assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
+    assert figure.axes[1].get_title(loc="left") == "round 2, beside sensor-lag:alpha"
+
+
+def test_evidence_of_no_candidate_says_so() -> None:
+    assert "no candidate" in figure_evidence(()).axes[0].get_title(loc="left")
+
+
+def test_derivatives_are_drawn_in_per_cent_and_vague_ones_in_their_sigmas() -> None:
+    before = {"Cm_q": Quantity(-20.0, 1.0, "1/rad"), "CL_q": Quantity(0.1, 2.0, "1/rad")}
+    after = {"Cm_q": Quantity(-17.0, 0.5, "1/rad"), "CL_q": Quantity(6.1, 1.0, "1/rad")}
+    panel = figure_derivatives(before, after).axes[0]
+    points = [line.get_xdata() for line in panel.lines if line.get_marker() == "o" and line.get_linestyle() == "None"]
+    assert np.asarray(points[-1]) == pytest.approx([15.0, 100.0])
+    assert "3σ" in panel.get_title(loc="left") and "L" in panel.get_title(loc="left")
+    texts = {text.get_text() for text in panel.texts}
+    assert {"−20.0 ± 1.0", "−17.0 ± 0.5"} <= texts
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.3])
+def test_spectrum_of_white_noise_lies_at_its_variance(missing: float) -> None:
+    rng = np.random.default_rng(2)
+    used = rng.random(4000) >= missing
+    hertz, power = spectrum(np.where(used, 0.3 * rng.standard_normal(4000), 0.0), 0.02, int(used.sum()))
+    assert power.mean() == pytest.approx(0.09, rel=0.08)
+    assert 0.0 < hertz[0] < hertz[-1] < 25.0 and len(hertz) == len(power)
+
+
+def test_spectrum_of_a_sine_peaks_at_its_frequency() -> None:
+    time = 0.02 * np.arange(1000)
+    hertz, power = spectrum(np.sin(2.0 * np.pi * 3.0 * time), 0.02, 1000)
+    assert hertz[np.argmax(power)] == pytest.approx(3.0, abs=0.15)
+
+
+def test_figures_of_a_fall_and_of_runaway_predictions_can_be_drawn() -> None:
+    d = tracing_of(Verdict.UNEXPLAINED, BALLISTIC, channels=("altitude",), count=60).diagnosis
+    runaway = replace(d.predictions[0], before=np.full_like(d.predictions[0].before, 1e30))
+    for figure in (figure_held_out(runaway, d.noise_floor), figure_residuals(d.fitted[0], {}), figure_spectra(d.fitted[0], {})):
+        assert figure_png(figure).startswith(b"\x89PNG")
