@@ -16,6 +16,8 @@ from sim.model import Model
 from sim.record import Record
 from sim.system import System, compile_model
 
+STRUCTURAL = "elastic-mode:"  # names of the modes that a declared flexible model has
+
 
 @dataclass(frozen=True, eq=False)
 class Values:
@@ -110,7 +112,7 @@ def fit_set(
     if values is not None or added:
         start, guesses = carried(plain, values, added or {})
         plain = lay_out(records, system, settings, local=local, masks=masks, start=start)
-    fit = fit_as_declared(replace(plain, prior=effect_prior(effects, plain)), guesses, levels)
+    fit = fit_as_declared(replace(plain, prior=known_beforehand(model, effects, plain)), guesses, levels)
     if fit is None:
         return None
     count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
@@ -131,9 +133,15 @@ def levels_of(node: Node) -> Mapping[str, float] | None:
     return noise_levels(node.fit) if node.fit.layout.weighing.names else None
 
 
-def effect_prior(effects: Sequence[Effect], layout: FitLayout) -> Prior | None:
-    """The Gaussian priors that effects declare for their parameters: they keep what no record excites from running away."""
+def known_beforehand(model: Model, effects: Sequence[Effect], layout: FitLayout) -> Prior | None:
+    """Gaussian priors that a fit without process noise needs to be determined at all; None where it needs none.
+
+    Effects declare some for their parameters, which keeps what no record excites from running away. A model with
+    structural modes takes all that are declared: several directions of its parameters leave no trace in alpha, q and nz.
+    """
     known = {full_name(effect, item.name): item for effect in effects for item in effect.parameters if item.free and np.isfinite(item.prior_std)}
+    if any(effect.name.startswith(STRUCTURAL) for effect in model.effects):
+        known |= {item.name: item for item in model.parameters if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")}
     at, means, weights = [], [], []
     for position, name in enumerate(layout.names):
         item = known.get(name.partition(", record")[0])
