@@ -19,7 +19,7 @@ from sim.system import System
 
 _SLOPE = 1e-5  # of a parameter's size, for central differences
 _TERMS = 14  # of a Taylor series, to rounding
-_FEW_TERMS = 6  # for slopes that differ from step to step: good to a millionth
+_FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
 _KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to rounding
 
 

@@ -134,7 +134,7 @@ def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
     e = rng.standard_normal(problem.z.shape)
     expected = np.where(problem.valid, e / np.sqrt(VARIANCE)[:, None], 0.0)
     through = filtered(filter, at_nodes(problem, e[:, :, None]))
-    assert through.standard[:, :, 0].T == pytest.approx(expected, rel=1e-14)
+    assert through.standard[:, :, 0].transpose() == pytest.approx(expected, rel=1e-14)
     assert filter.log_determinant == pytest.approx(float(problem.valid.sum(axis=1) @ np.log(VARIANCE)), rel=1e-13)
 
 
