@@ -16,7 +16,7 @@ from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import Prior, lay_out
 from ident.information import inverse_information
 from ident.residuals import ResidualTest, ljung_box
-from ident.tracing.diagnosis import ErrorFigures
+from ident.tracing.diagnosis import Candidate, ErrorFigures
 from ident.tracing.node import Node, belongs_to_record, carried, compiled_with, fit_as_declared, free_names, levels_of
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import screen
@@ -45,6 +45,37 @@ def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] 
     if not informed:
         return HeldOut(frozen, None)
     return HeldOut(frozen, _fit_other(node, records, masks, shared, training_prior(node)))
+
+
+def with_held_out_change(
+    evidence: Sequence[Candidate],
+    nodes: Mapping[frozenset[str], Node],
+    before: HeldOut,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+) -> list[Candidate]:
+    """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
+
+    Events are left out: they would have to be looked for anew in each held-out record.
+    """
+    done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
+
+    def level(names: frozenset[str]) -> float | None:
+        if names not in done:
+            node = nodes.get(names)
+            usable = node is not None and not any(belongs_to_record(effect) for effect in node.effects)
+            fit = held_out(node, records, masks, informed=False).frozen if usable and node is not None else None
+            done[names] = None if fit is None or before.frozen is None else (fit.cost - before.frozen.cost) / float(fit.counts.sum())
+        return done[names]
+
+    out = []
+    for candidate in evidence:
+        names = frozenset(candidate.within)
+        after = level(names | {candidate.name}) if candidate.fitted else None
+        base = level(names) if after is not None else None
+        change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
+        out.append(replace(candidate, held_out_change=change))
+    return out
 
 
 def doubted(out: HeldOut) -> bool:

@@ -14,7 +14,7 @@ from ident.modal import modal_estimate
 from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
-from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness
+from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness, with_held_out_change
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.node import Node
@@ -85,6 +85,8 @@ def diagnose(
         kept = held_out_masks(held_out(root, validation, None, informed=False), seen, outputs)
         out_before = held_out(root, validation, kept, informed=False)
     best, out_after = best_by_held_out(search, best, seen, kept)
+    if validation:
+        search.evidence = with_held_out_change(search.evidence, search.nodes, out_before, seen, kept)
     tests_before = tuple(whiteness(root.fit, "fitted"))
     tests_after = tuple(whiteness(best.fit, "fitted"))
     if out_after.informed is not None:
