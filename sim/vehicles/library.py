@@ -28,10 +28,10 @@ def read_parameter_set(name: str) -> VehicleData:
 
     Raises DeclarationError for a name that is not there and for a file that breaks the rules, naming the key.
     """
-    known = vehicle_names()
-    if name not in known:
-        raise DeclarationError(f"there is no vehicle {name!r}", where="vehicle library", remedy=f"use one of {', '.join(known)}")
-    return _read(_folder() / f"{name}.toml", ())
+    entry = next((entry for entry in _folder().iterdir() if entry.name == f"{name}.toml"), None)
+    if entry is None or "equations" not in _document(entry):
+        raise DeclarationError(f"there is no vehicle {name!r}", where="vehicle library", remedy=f"use one of {', '.join(vehicle_names())}")
+    return _read(entry, ())
 
 
 def read_parameter_file(path: Traversable) -> VehicleData:

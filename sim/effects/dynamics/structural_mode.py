@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.effect import Effect, Regularity, Signal, Station
 from sim.errors import ModelError
 from sim.parameters import Parameter
+
+_OWN = 10  # parameters of a mode before its couplings to modes
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,17 @@ class StructuralMode:
         eta, etadot = getattr(s, f"eta{self.number}"), getattr(s, f"etadot{self.number}")
         half_chord_time = vehicle.chord / (2.0 * s.V)
         force = p.Ceta_alpha * s.alpha_air + p.Ceta_q * s.q_hat + p.Ceta_de * s.elevator
-        for j in self.modes:
-            force = force + getattr(p, f"Ceta_eta{j}") * getattr(s, f"eta{j}", 0.0)
-            force = force + getattr(p, f"Ceta_etadot{j}") * getattr(s, f"etadot{j}", 0.0) * half_chord_time
+        couplings = p[_OWN:]  # by position, a third of the cost by name
+        for (eta_j, etadot_j), by_eta, by_etadot in zip(_signals(self.modes), couplings[::2], couplings[1::2], strict=True):
+            force = force + by_eta * getattr(s, eta_j, 0.0)
+            force = force + by_etadot * getattr(s, etadot_j, 0.0) * half_chord_time
         spring = -2.0 * p.zeta * p.omega * etadot - p.omega * p.omega * eta
         return etadot, spring + s.pressure_area * vehicle.chord / p.generalized_mass * force
+
+
+@cache
+def _signals(modes: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((f"eta{j}", f"etadot{j}") for j in modes)
 
 
 VARIANTS: tuple[Effect, ...] = (StructuralMode(),)
