@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete, lfilter
 G0 = 9.80665
 SIGMA = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012}
 Path1 = Callable[[float, np.ndarray], np.ndarray]  # (fine step, signal held over each fine step) -> the same
-Sensor = Callable[[float, np.ndarray, np.ndarray], np.ndarray]  # (step, values at the begin and at the end of each step) -> what is shown at the begin
+Sensor = Callable[[float, np.ndarray, np.ndarray], np.ndarray]  # (step, values at begin and end of each step) -> what is shown at the begin
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def doublet(amplitude: float, unit: float, start: float) -> list[tuple[float, fl
     return [(start, amplitude), (start + unit, -amplitude), (start + 2 * unit, 0.0)]
 
 
-def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: Hidden = Hidden()) -> dict[str, np.ndarray]:  # noqa: B008
+def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: Hidden = Hidden()) -> dict[str, np.ndarray]:
     """Time, elevator as recorded, alpha, q, nz without noise, ``(N,)`` each; ``command`` is the recorded, held elevator."""
     per = max(1, math.ceil(1.0 / (rate * 0.002)))
     fine = 4 * per
@@ -214,6 +214,7 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
         return (*first, x[3], w * w * (e + mode.get("by_alpha", 0.0) * a - x[2]) - 2.0 * mode["damping"] * w * x[3])
 
     x: tuple[float, ...] = (0.0, 0.0) if mode is None else (0.0, 0.0, 0.0, 0.0)
+
     def shown(t: float, e: float) -> tuple[float, float, float]:
         CL, _, V, a = loads(t, x, e)
         gyro = mode["gyro"] * x[3] if mode is not None else 0.0
@@ -243,7 +244,7 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
 
 
 def measured(
-    flown: Mapping[str, np.ndarray], rng: np.random.Generator, sigma: Mapping[str, float], hidden: Hidden = Hidden(), tails: float = 0.0  # noqa: B008
+    flown: Mapping[str, np.ndarray], rng: np.random.Generator, sigma: Mapping[str, float], hidden: Hidden = Hidden(), tails: float = 0.0
 ) -> dict[str, np.ndarray]:
     """With white noise of ``sigma``, Student's t of ``tails`` degrees of freedom where that is given (same variance), and spikes."""
     out = {name: np.array(flown[name]) for name in flown if name in ("time", "elevator") or name in sigma}
