@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,11 +30,15 @@ DISTANCES = {
 
 def true_model(flight: Flight) -> Model:
     """The vehicle that really flies, with its noise."""
-    data = read_parameter_set(flight.vehicle)
-    noise = Noise(flight.noise_std, flight.process_noise)
+    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+
+
+def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
+    """A built-in vehicle with so many of its elastic modes."""
+    data = read_parameter_set(vehicle)
     if data.equations == "ballistic":
         return ballistic_model(data, noise)
-    return flexible_model(data, flight.modes, noise) if flight.modes else rigid_model(data, noise)
+    return flexible_model(data, modes, noise) if modes else rigid_model(data, noise)
 
 
 def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record, Truth]:
@@ -52,13 +56,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     for name in flight.noise_std:
         if name not in outputs:
             raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
-    by_input: dict[str, Sum] = {}
-    for number, plan in enumerate(flight.maneuvers, start=1):
-        if plan.input not in inputs:
-            known = ", ".join(sorted(inputs)) or "none"
-            raise DeclarationError(f"there is no input {plan.input!r}", where=f"{place}.maneuvers[{number}]", remedy=f"its inputs are {known}")
-        before = by_input.get(plan.input, Sum())
-        by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
+    by_input = maneuvers_by_input(flight.maneuvers, inputs, place)
     time = sample_times(flight.rate, flight.duration)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
     return fly(
@@ -72,6 +70,23 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
         distance=DISTANCES[scenario.distance],
         name=scenario.name,
     )
+
+
+def maneuvers_by_input(plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str) -> dict[str, Maneuver]:
+    """What moves each input; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an input that is not there.
+    """
+    by_input: dict[str, Sum] = {}
+    for number, plan in enumerate(plans, start=1):
+        if plan.input not in inputs:
+            known = ", ".join(sorted(inputs)) or "none"
+            raise DeclarationError(f"there is no input {plan.input!r}", where=f"{place}.maneuvers[{number}]", remedy=f"its inputs are {known}")
+        before = by_input.get(plan.input, Sum())
+        by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
+    return {**by_input}
 
 
 def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
@@ -27,7 +27,9 @@ class _Spread(_Strict):
     std: Quantity
 
 
-class _Maneuver(_Strict):
+class Maneuver(_Strict):
+    """One maneuver; which numbers it needs depends on its kind."""
+
     input: Name
     kind: Literal["3-2-1-1", "doublet", "step", "pulse", "sweep", "multisine"]
     amplitude: Quantity | None = None
@@ -46,7 +48,7 @@ class _Flight(_Strict):
     modes: int = Field(default=0, ge=0)
     step: Quantity = 0.001
     integration: Literal["rk4", "euler"] = "rk4"
-    maneuvers: list[_Maneuver] = []
+    maneuvers: list[Maneuver] = []
     noise_std: dict[str, Quantity] = {}
     noise_variance: dict[str, str] = {}
     process_noise: dict[str, Quantity] = {}
@@ -147,25 +149,30 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
 
 def _flight(flight: _Flight, where: str) -> Flight:
     place = f"{where}, key flight"
-    plans = []
-    for number, maneuver in enumerate(flight.maneuvers, start=1):
-        key = f"{place}.maneuvers[{number}]"
-        given = maneuver.model_dump(exclude_none=True, exclude={"input", "kind"})
-        units = {"amplitude": UNITS.get(maneuver.input, "1"), "first_frequency": "rad/s", "last_frequency": "rad/s"}
-        numbers = {k: v if k == "harmonics" else _si(v, units.get(k, "s"), f"{key}.{k}") for k, v in given.items()}
-        plans.append(ManeuverPlan(maneuver.input, maneuver.kind, numbers))
-    rate = _positive(_si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
+    rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return Flight(
         flight.vehicle,
-        _positive(_si(flight.duration, "s", f"{place}.duration"), f"{place}.duration"),
+        positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration"),
         rate,
-        tuple(plans),
-        _noise(flight.noise_std, flight.noise_variance, place),
+        maneuver_plans(flight.maneuvers, place),
+        standard_deviations(flight.noise_std, flight.noise_variance, place),
         flight.modes,
-        _positive(_si(flight.step, "s", f"{place}.step"), f"{place}.step"),
+        positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
         {name: _density(name, value, f"{place}.process_noise.{name}") for name, value in flight.process_noise.items()},
     )
+
+
+def maneuver_plans(maneuvers: Sequence[Maneuver], place: str) -> tuple[ManeuverPlan, ...]:
+    """Maneuvers with their numbers in SI; ``place`` is the key of the flight they belong to."""
+    plans = []
+    for number, maneuver in enumerate(maneuvers, start=1):
+        key = f"{place}.maneuvers[{number}]"
+        given = maneuver.model_dump(exclude_none=True, exclude={"input", "kind"})
+        units = {"amplitude": UNITS.get(maneuver.input, "1"), "first_frequency": "rad/s", "last_frequency": "rad/s"}
+        numbers = {k: v if k == "harmonics" else si(v, units.get(k, "s"), f"{key}.{k}") for k, v in given.items()}
+        plans.append(ManeuverPlan(maneuver.input, maneuver.kind, numbers))
+    return tuple(plans)
 
 
 def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
@@ -180,40 +187,41 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
         initial={key: _start(key, value, f"{place}.initial.{key}") for key, value in estimate.initial.items()},
         method=estimate.method,
         modes=estimate.modes,
-        held={key: _si(value, _unit(key), f"{place}.held.{key}") for key, value in estimate.held.items()},
-        noise_std=_noise(estimate.noise_std, estimate.noise_variance, place),
+        held={key: si(value, _unit(key), f"{place}.held.{key}") for key, value in estimate.held.items()},
+        noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place),
         process_noise={key: _density(key, value, f"{place}.process_noise.{key}") for key, value in estimate.process_noise.items()},
         integration=estimate.integration,
         terms=estimate.terms,
-        max_step=math.inf if estimate.max_step is None else _positive(_si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
+        max_step=math.inf if estimate.max_step is None else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
         passes=estimate.passes,
         use_priors=estimate.use_priors,
         spread=math.inf if estimate.spread is None else estimate.spread,
         explanation=" ".join(estimate.explanation.split()),
         published=published,
-        flown_noise_std=_noise({}, estimate.flown_noise_variance, place),
+        flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place),
     )
 
 
 def _start(name: str, spread: _Spread, where: str) -> Start:
-    std = _si(spread.std, _unit(name), f"{where}.std")
+    std = si(spread.std, _unit(name), f"{where}.std")
     if not std > 0:
         raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")
-    return Start(_si(spread.value, _unit(name), f"{where}.value"), std)
+    return Start(si(spread.value, _unit(name), f"{where}.value"), std)
 
 
 def _unit(name: str) -> str:
     return UNITS.get(name, "1")
 
 
-def _noise(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str) -> dict[str, float]:
+def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str) -> dict[str, float]:
+    """Noise by output, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
-        out[name] = _positive(_si(value, _unit(name), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
+        out[name] = positive(si(value, _unit(name), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
     for name, text in variance.items():
         key = f"{where}.noise_variance.{name}"
         number, unit = _parts(text, key)
-        out[name] = math.sqrt(_positive(number, key)) * float(to_si(1.0, _root(unit, key), _unit(name), key, DeclarationError))
+        out[name] = math.sqrt(positive(number, key)) * float(to_si(1.0, _root(unit, key), _unit(name), key, DeclarationError))
     return out
 
 
@@ -244,7 +252,8 @@ def _parts(text: str, where: str) -> tuple[float, str]:
         raise DeclarationError(f"{text!r} is not a number with a unit", where=where, remedy='write for example "0.016 deg^2"') from None
 
 
-def _si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
+def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
+    """A number, or a text with a unit, in the unit ``target``; ``same`` are other spellings of units."""
     if not isinstance(value, str):
         return float(value)
     number, unit = _parts(value, where)
@@ -252,7 +261,8 @@ def _si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None
     return float(to_si(number, unit, target, where, DeclarationError))
 
 
-def _positive(value: float, where: str) -> float:
+def positive(value: float, where: str) -> float:
+    """The value, refused where it is not above zero and finite."""
     if not (value > 0 and math.isfinite(value)):
         raise DeclarationError(f"{value:g} is not above 0", where=where, remedy="give a positive number")
     return value
