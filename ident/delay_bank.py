@@ -27,6 +27,7 @@ DELAYS = tuple(0.025 * i for i in range(9))  # s
 _PARABOLA = 4.5  # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
 _FINEST = 1e-4  # s, closer together filters do not stand
 _POINTS, _BANKS = 7, 8
+_REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
 _SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 
 
@@ -121,13 +122,17 @@ class _Found:
 
 
 def _closing_in(record: Record, system: System, settings: FilterSettings, name: str, grid: np.ndarray, best: int) -> _Found:
-    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first."""
+    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first.
+
+    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only the bank that is close enough to
+    give the answer is iterated until it has settled: before that the likelihoods of neighbours differ by far more.
+    """
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     nowhere = _Found(float(grid[best]), 0.0, np.zeros(0), None)
     about = None
-    for attempt in range(_BANKS):
+    for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
-        bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=_SETTLED if attempt else 1.0)
+        bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
         if not np.any(bank.sound):
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
@@ -140,14 +145,21 @@ def _closing_in(record: Record, system: System, settings: FilterSettings, name: 
             low, high = low + shift, high + shift
             continue
         near = slice(top - 1, top + 2)
+        spacing = fine[1] - fine[0]
         fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
-        if fall <= _PARABOLA or fine[1] - fine[0] <= _FINEST:
-            delay, curvature = vertex(fine[near], bank.log_likelihood[near])
-            if curvature > 0 and np.all(bank.sound[near]):
-                slope = (bank.mean[:, top + 1] - bank.mean[:, top - 1]) / (fine[top + 1] - fine[top - 1])
-                return _Found(delay, curvature**-0.5, slope, about[:, :, 0])
+        if fall <= _PARABOLA or spacing <= _FINEST:
+            bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED)
+            delay, curvature = vertex(fine[near], bank.log_likelihood)
+            if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
+                slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
+                return _Found(delay, curvature**-0.5, slope, trajectories[:, :, 1])
+            if curvature > 0 and np.all(bank.sound):
+                low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
+                continue
             return replace(nowhere, delay=float(fine[top]), about=about[:, :, 0])
-        low, high = fine[top - 1], fine[top + 1]
+        delay, curvature = vertex(fine[near], bank.log_likelihood[near])
+        half = max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
+        low, high = delay - half, delay + half
     return nowhere
 
 
