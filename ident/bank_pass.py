@@ -141,11 +141,11 @@ def run_pass(
                     trace.moved[k] = D if s == samples[k - 1] else trace.moved[k] + D + D[:, :, :n_x] @ trace.moved[k]
             done = _update(bench, k, x, P, None if about is None else about[:, k])
             x, P, squared = done.x, done.P, done.squared
-            if sound.all() and _all_sound(x, P, squared):
+            if sound.all() and all_sound(x, P, squared):
                 last_x, last_P, nis[k] = x, P, squared
                 log_likelihood += done.gained
             else:
-                sound = sound & _sound(x, P) & (np.abs(squared) < LARGEST)
+                sound = sound & sound_runs(x, P) & (np.abs(squared) < LARGEST)
                 last_x, last_P = np.where(sound, x, last_x), np.where(sound[:, None, None], P, last_P)
                 log_likelihood, nis[k] = log_likelihood + np.where(sound, done.gained, 0.0), np.where(sound, squared, 0.0)
             if trace is not None:
@@ -208,18 +208,7 @@ def _predict(bench: _Bench, s: int, x: np.ndarray, P: np.ndarray, point: np.ndar
         point[:n_x] = moved
         after = point + away
         after[:n_x] += (D @ away.T[:, :, None])[:, :, 0].T
-    rows = P[:, :n_x] + D @ P
-    rows[:, :, :n_x] += rows @ D.transpose(0, 2, 1)
-    if noise is not None:
-        rows += noise
-    out = P.copy()
-    out[:, :n_x] = rows
-    out[:, n_x:, :n_x] = rows[:, :, n_x:].transpose(0, 2, 1)
-    own_block = rows[:, :, :n_x]
-    out[:, :n_x, :n_x] = 0.5 * (own_block + own_block.transpose(0, 2, 1))
-    if bench.walk is not None:
-        own = np.arange(n_x, len(x))
-        out[:, own, own] += bench.walk * dt
+    out = moved_covariance(P, D, noise, bench.walk, dt)
     return after, out, D
 
 
@@ -243,27 +232,61 @@ def _update(bench: _Bench, k: int, x: np.ndarray, P: np.ndarray, point: np.ndarr
     y = runs.z[:, k] - predicted
     if m < len(y):
         y, H, R = y[channels], H[:, channels], R[np.ix_(channels, channels)]
-    width = n + 1 + m
-    first = np.empty((B, m, width))
+    first = innovation_rows(P, H, y, R)
+    x, P, gained, squared = scalar_updates(x, P, first)
+    return _Updated(x, P, gained, squared, channels, H, first)
+
+
+def moved_covariance(P: np.ndarray, D: np.ndarray, noise: np.ndarray | None, walk: np.ndarray | None, dt: float) -> np.ndarray:
+    """Covariances ``P (B, n, n)`` moved by transitions whose first rows less the identity are ``D (B, n_x, n)``.
+
+    ``noise`` are the same rows of Q_k, its first n_x columns or all; ``walk`` the spectral densities of the entries below, random walks.
+    """
+    n_x, n = D.shape[1], P.shape[1]
+    rows = P[:, :n_x] + D @ P
+    rows[:, :, :n_x] += rows @ D.transpose(0, 2, 1)
+    if noise is not None:
+        rows[:, :, : noise.shape[2]] += noise
+    out = P.copy()
+    out[:, :n_x] = rows
+    out[:, n_x:, :n_x] = rows[:, :, n_x:].transpose(0, 2, 1)
+    own_block = rows[:, :, :n_x]
+    out[:, :n_x, :n_x] = 0.5 * (own_block + own_block.transpose(0, 2, 1))
+    if walk is not None:
+        own = np.arange(n_x, n)
+        out[:, own, own] += walk * dt
+    return out
+
+
+def innovation_rows(P: np.ndarray, H: np.ndarray, y: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """``[H P, y, S]`` side by side, ``(B, m, n + 1 + m)``, of innovations ``y (m, B)`` with ``H (B, m, n)`` and ``R (m, m)``."""
+    B, m, n = H.shape
+    first = np.empty((B, m, n + 1 + m))
     first[:, :, :n], first[:, :, n] = H @ P, y.T
     first[:, :, n + 1 :] = first[:, :, :n] @ H.transpose(0, 2, 1) + R
+    return first
+
+
+def scalar_updates(x: np.ndarray, P: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Means ``(n, B)`` and covariances after the channels of ``innovation_rows``, log-likelihood gained and normalised square ``(B,)``."""
+    (B, m, width), n = first.shape, len(x)
     rows = first.copy()
     for i in range(m - 1):
-        for j in range(i + 1, m):
-            rows[:, j] -= (rows[:, j, n + 1 + i] / rows[:, i, n + 1 + i])[:, None] * rows[:, i]
+        below = rows[:, i + 1 :]
+        below -= (below[:, :, n + 1 + i] / rows[:, i, n + 1 + i, None])[:, :, None] * rows[:, i : i + 1]
     variance = rows.reshape(B, -1)[:, n + 1 :: width + 1]
     change = rows[:, :, :n].transpose(0, 2, 1) @ (rows[:, :, : n + 1] / variance[:, :, None])
-    squared = (rows[:, :, n] ** 2 / variance).sum(axis=1)
-    gained = -0.5 * (squared + np.log(variance).sum(axis=1) + m * LOG_TWO_PI)
-    return _Updated(x + change[:, :, n].T, P - change[:, :, :n], gained, squared, channels, H, first)
+    squared = np.add.reduce(rows[:, :, n] ** 2 / variance, axis=1)
+    gained = -0.5 * (squared + np.add.reduce(np.log(variance), axis=1) + m * LOG_TWO_PI)
+    return x + change[:, :, n].T, P - change[:, :, :n], gained, squared
 
 
-def _all_sound(x: np.ndarray, P: np.ndarray, squared: np.ndarray) -> bool:
+def all_sound(x: np.ndarray, P: np.ndarray, squared: np.ndarray) -> bool:
     """Whether every run surely holds numbers that serve; sums of squares are the cheapest bound, and a NaN fails the comparison."""
     return bool(np.vdot(P, P) + np.vdot(x, x) + np.vdot(squared, squared) < LARGEST**2 and P.reshape(len(P), -1)[:, :: P.shape[2] + 1].min() >= 0.0)
 
 
-def _sound(x: np.ndarray, P: np.ndarray) -> np.ndarray:
+def sound_runs(x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Which runs hold numbers that serve: finite and no negative variance, ``(B,)``."""
     finite = np.all(np.abs(x) < LARGEST, axis=0) & np.all(np.abs(P) < LARGEST, axis=(1, 2))
     return finite & np.all(np.diagonal(P, axis1=1, axis2=2) >= 0.0, axis=1)

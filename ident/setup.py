@@ -70,7 +70,9 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
         if not (math.isfinite(value) and value > 0):
             raise ModelError("its measurement noise is not declared", where=f"output {name}", remedy="give its standard deviation")
     free_names = system.parameters.free_names
-    std: list[float] = [_prior(system, name, state=True) for name in system.state_names] + [_prior(system, name, state=False) for name in free_names]
+    std: list[float] = [prior_std(system, name, state=True) for name in system.state_names] + [
+        prior_std(system, name, state=False) for name in free_names
+    ]
     random_walk = [system.declared_noise.process_density.get(name, 0.0) for name in free_names]
     grid = make_grid(record.time, max_step if math.isfinite(max_step) else float(np.diff(record.time).max()))
     return FilterProblem(
@@ -98,7 +100,8 @@ def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object])
     return out
 
 
-def _prior(system: System, name: str, *, state: bool) -> float:
+def prior_std(system: System, name: str, *, state: bool) -> float:
+    """Prior standard deviation of a state or a free parameter, zero for a state that is held; ModelError where none is declared."""
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
         return 0.0

@@ -21,7 +21,7 @@ class Transition(Protocol):
 
     ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the first r are zero: it prepares
     what stays the same, and returns a function of F and the step that gives the first r rows of ``Phi - I`` and of ``Q_k``,
-    None instead of the latter without noise. Below them Phi is the identity and Q_k is diag(density) dt.
+    of the latter only the first r columns where those beyond are zero, None without noise. Below them Phi is the identity and Q_k is diag(density) dt.
     """
 
     def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
@@ -48,37 +48,49 @@ class Taylor:
         return np.asarray(Phi), noise
 
     def of_rows(self, r: int, density: np.ndarray) -> RowTransition:
-        driven, terms = np.flatnonzero(density), self.terms
-        walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
-        # One driven entry, the usual case, is a slice, which is cheaper than an index array.
-        chosen = slice(driven[0], driven[0] + 1) if width == 1 else driven
-        identity = np.eye(r, len(density))[:, driven]
-        # With M_0 = I and M_k = F^k dt^k / k!, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
-        order = np.arange(terms)
-        share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
+        terms, noise_of = self.terms, noise_of_series(r, density, self.terms)
 
         def rows(F: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray | None]:
             if terms < 2:
-                powers, D = [], np.zeros_like(F)
-            else:
-                A, powers = F[..., :r], [F * dt]
-                for k in range(2, terms):
-                    powers.append(A @ powers[-1] * (dt / k))
-                D = sum(powers[1:], powers[0])
-            if width == 0:
-                return D, None
-            columns = np.empty((*F.shape[:-1], terms * width))
-            columns[..., :width] = identity
-            for k, M in enumerate(powers, start=1):
-                columns[..., k * width : (k + 1) * width] = M[..., chosen]
-            weighed = columns @ (share * dt)
-            noise = np.zeros_like(F)
-            noise[..., :r] = weighed @ np.swapaxes(columns, -1, -2)
-            if walks:
-                noise[..., driven[walking]] = weighed[..., :width][..., walking]
-            return D, noise
+                return np.zeros_like(F), noise_of([], F, dt)
+            A, powers = F[..., :r], [F * dt]
+            for k in range(2, terms):
+                powers.append(A @ powers[-1] * (dt / k))
+            return sum(powers[1:], powers[0]), noise_of(powers, F, dt)
 
         return rows
+
+
+def noise_of_series(r: int, density: np.ndarray, terms: int) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
+    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ... `` of so many terms, M_k = F^k dt^k / k!, F zero below its first r rows.
+
+    The function takes the same rows of the M_k ``(..., r, n)``, an array of their shape and the step, and gives None where nothing drives.
+    """
+    driven = np.flatnonzero(density)
+    walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
+    # One driven entry, the usual case, is a slice, which is cheaper than an index array.
+    chosen = slice(driven[0], driven[0] + 1) if width == 1 else driven
+    identity = np.eye(r, len(density))[:, driven]
+    # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1).
+    order = np.arange(terms)
+    share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
+
+    def noise_of(powers: list[np.ndarray], like: np.ndarray, dt: float) -> np.ndarray | None:
+        if width == 0:
+            return None
+        columns = np.empty((*like.shape[:-1], terms * width))
+        columns[..., :width] = identity
+        for k, M in enumerate(powers, start=1):
+            columns[..., k * width : (k + 1) * width] = M[..., chosen]
+        weighed = columns @ (share * dt)
+        own = weighed @ np.swapaxes(columns, -1, -2)
+        if not walks:
+            return np.asarray(own)
+        noise = np.zeros((*like.shape[:-1], len(density)))
+        noise[..., :r], noise[..., driven[walking]] = own, weighed[..., :width][..., walking]
+        return noise
+
+    return noise_of
 
 
 @dataclass(frozen=True)
