@@ -29,8 +29,8 @@ def ljung_box(residual: np.ndarray, valid: np.ndarray, channel: str, lags: int =
     """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978); missing samples are skipped."""
     from scipy.special import chdtrc
 
-    series = residual[valid] - residual[valid].mean()
-    n = len(series)
+    n = int(np.count_nonzero(valid))
+    series = residual[valid] - (residual[valid].mean() if n else 0.0)
     lags = max(1, min(lags, n // 5))
     power = float(series @ series)
     if n < 10 or power == 0.0:

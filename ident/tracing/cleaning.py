@@ -12,7 +12,7 @@ from ident.tracing.acceptance import HeldOut
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.node import Node, is_event
 from ident.tracing.outliers import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
-from ident.tracing.search import Search
+from ident.tracing.search_state import Search
 from sim.effect import full_name
 from sim.record import Channel, Record
 

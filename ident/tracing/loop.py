@@ -17,9 +17,11 @@ from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness, with_held_out_change
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.expansion import quantities
 from ident.tracing.node import Node
 from ident.tracing.outliers import final_spikes
-from ident.tracing.search import Search, grow, look_back, quantities, refined
+from ident.tracing.search import grow, look_back, refined
+from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge
 from sim.effect import Effect
@@ -136,11 +138,12 @@ def _diagnosis(
         Prediction(record, tuple(channels), prediction(fits[0], r, record, channels), prediction(fits[1], r, record, channels))
         for r, record in enumerate(shown)
     ]
-    masks = measured_masks(shown, channels)
+    everywhere = measured_masks(shown, outputs)
     if not validation:
-        masks = [mask & kept for mask, kept in zip(masks, search.masks, strict=True)]
+        everywhere = [mask & kept for mask, kept in zip(everywhere, search.masks, strict=True)]
     elif fits[1] is not None:
-        masks = spike_masks_of(fits[1], masks)
+        everywhere = spike_masks_of(fits[1], everywhere)
+    masks = [mask[[outputs.index(name) for name in channels]] for mask in everywhere]
     return Diagnosis(
         verdict,
         tuple(effects),

@@ -17,7 +17,9 @@ class TraceSettings:
     event : what a position searched over the record costs, in units of twice the log likelihood.
     beam : sets kept from one round to the next. depth : most effects in a set.
     tried : names fitted in full at each set. starts : starting points of each.
-    near : sets within this of the best are weighed again on data that were not fitted.
+    budget : most work of a search, in small fits: a residual that defies the library must not take for ever.
+    near : sets within this of the best are weighed again on data that were not fitted; within ``wide`` where
+        those data doubt the best.
     white : smallest p-value of a residual test that still counts as noise, after so many tests.
     """
 
@@ -28,5 +30,7 @@ class TraceSettings:
     depth: int = 3
     tried: int = 6
     starts: int = 2
+    budget: float = 140.0
     near: float = 15.0
+    wide: float = 60.0
     white: float = 1e-4

@@ -12,7 +12,9 @@ from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, doubted, held_out
 from ident.tracing.diagnosis import Claim, Step, Verdict
 from ident.tracing.node import Node, belongs_to_record, free_names
-from ident.tracing.search import Search, refined
+from ident.tracing.scoring import is_white
+from ident.tracing.search import refined
+from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from sim.record import Record
 from sim.tracing import Refinable
@@ -24,13 +26,18 @@ ALTERNATIVE = 10.0  # the same, below which the other is named beside
 
 def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> tuple[Node, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
-    out = held_out(best, validation, masks) if validation else HeldOut(None, None)
-    if not best.effects:
+    hopeless = not is_white(best, search.settings.white) or any(name.startswith(GUARD) for name in best.names)
+    out = held_out(best, validation, masks, informed=not hopeless) if validation else HeldOut(None, None)
+    if not best.effects or hopeless:
+        # What training itself does not explain, no held-out record will.
         return best, out
     best, out = _in_freer_form(search, best, out, validation, masks)
     total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
     nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
-    for node in _near(search, best):
+    rivals = _near(search, best, search.settings.near, 3)
+    if doubted(out):
+        rivals = _near(search, best, search.settings.wide, 6)
+    for node in rivals:
         other = refined(search, node)
         fits = held_out(other, validation, masks) if validation else HeldOut(None, None)
         key = frozenset(other.names)
@@ -99,14 +106,14 @@ def judge(
     return Verdict.TRACED, warnings
 
 
-def _near(search: Search, best: Node) -> list[Node]:
+def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:
     score = search.score(best)
     others = [
         node
         for key, node in search.nodes.items()
-        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < search.settings.near
+        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < within
     ]
-    return sorted(others, key=search.score)[:3]
+    return sorted(others, key=search.score)[:most]
 
 
 def _held_out_cost(out: HeldOut) -> float:

@@ -1,0 +1,167 @@
+"""One node of the search extended: candidates screened, the best fitted in full, what is accepted and why."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.filter_error import turbulence_worth_trying
+from ident.information import inverse_information
+from ident.process_noise import is_forced
+from ident.tracing.diagnosis import Candidate, Quantity, Step
+from ident.tracing.node import Node, free_names, is_event
+from ident.tracing.occasion import occasion_at
+from ident.tracing.scoring import is_white
+from ident.tracing.screening import Finding, collinear, screen
+from ident.tracing.search_state import Search
+from sim.effect import Effect, NoiseEffect, full_name
+
+COLLINEAR = 0.9
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
+WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
+HOPELESS, RIVAL = 0.2, 0.5  # of the best gain so far
+CHEAP = 2  # parameters of a candidate that is fitted even though its projected gain is small
+
+
+def expand(search: Search, node: Node, number: int) -> list[Node]:
+    """Accepted children of a node; all that was looked at is kept as evidence.
+
+    The best few by projected gain are fitted in full. Where none of them leaves noise, the candidates with few parameters are
+    fitted too: a base fit that bent far hides what bent it from a linear look.
+    """
+    key = frozenset(node.names)
+    if key in search.expanded or search.exhausted:
+        return []
+    search.expanded.add(key)
+    findings = [
+        finding
+        for finding in screen(node, search.candidates, occasion_at(node, search.beside))
+        if not (_excluded(node, finding.effect) or isinstance(finding.effect, NoiseEffect))
+    ]
+    search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
+    children: dict[int, Node] = {}
+    most, explained = 0.0, None
+    limit = search.settings.tried if not node.effects else search.settings.tried // 2
+    starts = search.settings.starts if not node.effects else 1
+    for place, finding in enumerate(findings):
+        # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
+        worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (len(children) < 2 or finding.gain > HOPELESS * most)
+        if explained is not None:
+            # Nothing is missing any more: only what might explain it as well is still of interest.
+            worth = worth and (finding.gain > RIVAL * most or collinear(finding, explained) > COLLINEAR)
+        if not worth or len(children) >= limit or search.exhausted:
+            continue
+        child = _best_fit(search, node, finding, starts)
+        if child is not None:
+            children[place] = child
+            most = max(most, node.fit.cost - child.fit.cost)
+            if explained is None and is_white(child):
+                explained = finding
+    if explained is None and not is_white(node) and not is_forced(node.system):
+        for place, finding in enumerate(findings):
+            if place not in children and finding.parameters <= CHEAP and not search.exhausted:
+                child = _best_fit(search, node, finding, 1)
+                if child is not None:
+                    children[place] = child
+    return _accepted(search, node, number, findings, children)
+
+
+def with_random_motion(search: Search, node: Node, number: int) -> list[Node]:
+    """The node with turbulence, offered only where its innovations are not white."""
+    effects = [effect for effect in search.candidates if isinstance(effect, NoiseEffect)]
+    if not effects or is_forced(node.system) or search.exhausted or turbulence_worth_trying(node.fit) > WORTH:
+        return []
+    findings: list[Finding] = []
+    children: dict[int, Node] = {}
+    for effect in effects:
+        child = search.fit((*node.effects, effect), node, rough=True)
+        if child is not None:
+            children[len(findings)] = child
+            findings.append(Finding(effect, 0.0, len(free_names(effect)), ({},), (0.0,), np.zeros(1)))
+    return _accepted(search, node, number, findings, children)
+
+
+def _accepted(search: Search, node: Node, number: int, findings: list[Finding], children: dict[int, Node]) -> list[Node]:
+    """Keep evidence on all findings, and the children that lower the score enough."""
+    accepted: list[Node] = []
+    for place, finding in enumerate(findings):
+        child = children.get(place)
+        gain = finding.gain if child is None else node.fit.cost - child.fit.cost
+        others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > COLLINEAR)
+        search.evidence.append(_candidate(number, node, finding, child, gain, others))
+        lowered = 0.0 if child is None else search.gain(node, child)
+        if child is None or lowered <= search.settings.accept:
+            continue
+        child = _placed_better(search, child, finding.effect)
+        lowered = search.gain(node, child)
+        search.keep(child, search.score(node) - lowered)
+        sentence = f"{finding.effect.name} lowers the criterion by {lowered:.1f}"
+        search.steps.append(Step(child.names, search.score(child), child.fit.log_likelihood, sentence))
+        accepted.append(search.nodes[frozenset(child.names)])
+    return accepted
+
+
+def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+    """An effect's free parameters in a node, by local name; of the first record it acts on where each has its own."""
+    normal, _ = node.fit.normal_equations()
+    covariance, _ = inverse_information(normal, node.fit.theta)
+    names = node.fit.layout.names
+    out = {}
+    for item in effect.parameters:
+        full = full_name(effect, item.name)
+        at = next((i for i, name in enumerate(names) if name == full or name.startswith(f"{full}, record")), None)
+        if at is not None:
+            out[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+    return out
+
+
+def _best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
+    best: Node | None = None
+    for start in finding.starts[:starts]:
+        child = search.fit((*node.effects, finding.effect), node, start, rough=True)
+        if child is not None and (best is None or child.fit.cost < best.fit.cost):
+            best = child
+    return best
+
+
+def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
+    """An event moved a little to both sides: its time has local optima where the motion has died out."""
+    if not is_event(effect):
+        return child
+    name = full_name(effect, effect.onset)  # type: ignore[attr-defined]
+    values = child.values
+    at = values.own[0].get(name, values.shared.get(name))
+    if at is None:
+        return child
+    for shift in SHIFTS:
+        moved = search.fit(child.effects, child, {name: at + shift}, rough=True)
+        if moved is not None and moved.fit.cost < child.fit.cost - 0.5:
+            child = moved
+    return child
+
+
+def _price(search: Search, node: Node, finding: Finding) -> float:
+    return search.settings.accept + finding.parameters * float(np.log(node.fit.counts.sum()))
+
+
+def _excluded(node: Node, effect: Effect) -> bool:
+    """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
+    kind, _, channel = effect.name.partition(":")
+    twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
+    return twin is not None and f"{twin}:{channel}" in node.names
+
+
+def _candidate(number: int, node: Node, finding: Finding, child: Node | None, gain: float, others: tuple[str, ...]) -> Candidate:
+    from scipy.special import chdtrc
+
+    effect = finding.effect
+    if child is None:
+        local = {full_name(effect, item.name): item for item in effect.parameters}
+        found = {
+            local[name].name: Quantity(value, abs(value) or 1.0, local[name].unit) for name, value in finding.starts[0].items() if local[name].free
+        }
+    else:
+        found = quantities(child, effect)
+    plausible = getattr(effect, "plausible", {})
+    believed = all(plausible[name][0] <= quantity.value <= plausible[name][1] for name, quantity in found.items() if name in plausible)
+    p_value = float(chdtrc(finding.parameters, max(2.0 * gain, 0.0)))
+    return Candidate(number, node.names, effect.name, float(gain), p_value, child is not None, believed, found, None, others)
