@@ -56,7 +56,13 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        subprocess.run([*FLIGHTID, "run", "rigid", "--out", "warm-up"], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True, stdout=-3)
+        subprocess.run(
+            [*FLIGHTID, "run", "rigid", "--out", "warm-up"],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
         cases: list[tuple[str, list[str], int, float | None]] = [
             ("imports alone", [sys.executable, "-c", REFERENCE], arguments.runs, None),
             ("--help", [*FLIGHTID, "--help"], arguments.runs, HELP_LIMIT),
