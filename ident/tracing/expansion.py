@@ -91,6 +91,12 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
         lowered = 0.0 if child is None else search.gain(node, child)
         if child is None or lowered <= search.settings.accept:
             continue
+        if not _present(child, finding.effect):
+            # What it brought is a better optimum of the set without it.
+            better = search.fit(node.effects, child)
+            if better is not None and better.fit.cost < node.fit.cost:
+                search.keep(better, search.score(node) - 2.0 * (node.fit.cost - better.fit.cost))
+            continue
         child = _placed_better(search, child, finding.effect)
         lowered = search.gain(node, child)
         search.keep(child, search.score(node) - lowered)
@@ -137,6 +143,13 @@ def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
         if moved is not None and moved.fit.cost < child.fit.cost - 0.5:
             child = moved
     return child
+
+
+def _present(node: Node, effect: Effect) -> bool:
+    """Whether an effect's parameters differ from its absence by more than they are uncertain."""
+    found = quantities(node, effect)
+    known = [(found[local], value) for local, value in effect.absent.items() if local in found]
+    return not known or any(abs(quantity.value - value) > 2.0 * quantity.std for quantity, value in known)
 
 
 def _price(search: Search, node: Node, finding: Finding) -> float:

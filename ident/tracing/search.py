@@ -27,6 +27,7 @@ def grow(search: Search, root: Node) -> Node:
         moving = [moved for node in (root, *beam) for moved in with_random_motion(search, node, 1)]
         # Random motion alone, or with one cause: extended only where no pair of causes does better.
         beam = _best(search, [*beam, *[node for node in moving if is_white(node)]])
+    beam = [freer_form(search, node) for node in beam]
     for number in range(2, search.settings.depth + 1):
         children: list[Node] = []
         for place, node in enumerate(beam):
@@ -36,7 +37,7 @@ def grow(search: Search, root: Node) -> Node:
                 break
         if not children:
             break
-        beam = _best(search, children)
+        beam = [freer_form(search, node) for node in _best(search, children)]
     return min(search.nodes.values(), key=search.score)
 
 
@@ -75,16 +76,30 @@ def look_back(search: Search, node: Node) -> Node:
 
 
 def refined(search: Search, node: Node) -> Node:
-    """The same set fitted to the end, with the freer form of an effect where that brings as much as an addition has to."""
+    """The same set fitted to the end, in its freer form where that brings enough."""
     again = search.fit(node.effects, node)
     best = again if again is not None and again.fit.cost <= node.fit.cost + 1e-6 else node
     score = search.score(node) - 2.0 * (node.fit.cost - best.fit.cost)
-    for position, effect in enumerate(best.effects):
-        if isinstance(effect, Refinable):
-            finer = search.fit((*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
-            if finer is not None and search.gain(best, finer) > search.settings.accept:
-                gain = search.gain(best, finer)
-                search.steps.append(Step(finer.names, score - gain, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {gain:.1f}"))
-                best, score = finer, score - gain
+    search.nodes[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
+    return freer_form(search, best, least=0.0)
+
+
+def freer_form(search: Search, node: Node, least: float = 1e-3) -> Node:
+    """The set with an effect in its freer form, of the same name, where that brings as much as an addition has to.
+
+    Tried before anything is added to a set whose residual is not white (whose whiteness has a p-value below ``least``,
+    always where that is zero): what a plain form leaves would be taken for a further effect.
+    """
+    if search.exhausted or (least > 0.0 and is_white(node, least)):
+        return node
+    best, score = node, search.score(node)
+    for position, effect in enumerate(node.effects):
+        if not isinstance(effect, Refinable):
+            continue
+        finer = search.fit((*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
+        if finer is not None and search.gain(best, finer) > search.settings.accept:
+            gain = search.gain(best, finer)
+            search.steps.append(Step(finer.names, score - gain, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {gain:.1f}"))
+            best, score = finer, score - gain
     search.nodes[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
     return best

@@ -20,12 +20,14 @@ from sim.record import Record
 from sim.tracing import Refinable
 
 GUARD = "guard:"
+TIE = 12.0  # difference of scores below which a guard does not stand against the library
 AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out together, below which two names are equal
 ALTERNATIVE = 10.0  # the same, below which the other is named beside
 
 
 def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> tuple[Node, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
+    best = _without_guard(search, best)
     hopeless = not is_white(best, search.settings.white) or any(name.startswith(GUARD) for name in best.names)
     out = held_out(best, validation, masks, informed=not hopeless) if validation else HeldOut(None, None)
     if not best.effects or hopeless:
@@ -45,6 +47,20 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
     chosen = min(total, key=lambda key: total[key])
     search.totals = total
     return nodes[chosen], outs[chosen]
+
+
+def _without_guard(search: Search, best: Node) -> Node:
+    """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
+    if not any(name.startswith(GUARD) for name in best.names):
+        return best
+    rivals = [
+        node
+        for key, node in search.nodes.items()
+        if len(node.effects) == len(best.effects)
+        and not any(name.startswith(GUARD) for name in key)
+        and search.scores[key] - search.score(best) < TIE
+    ]
+    return refined(search, min(rivals, key=search.score)) if rivals else best
 
 
 def _in_freer_form(
@@ -93,6 +109,10 @@ def judge(
     """The verdict, and in words what speaks against more."""
     warnings = [f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})" for test in tests if test.p_value < settings.white]
     if not effects and not best.effects:
+        if warnings and all("held out" in test.channel for test in tests if test.p_value < settings.white):
+            warnings.append(
+                "the declared model explains the fitted records but not the held-out ones: fit them together, they show what the first do not"
+            )
         return (Verdict.UNEXPLAINED if warnings else Verdict.CONSISTENT), warnings
     guards = [name for name in best.names if name.startswith(GUARD)]
     if guards:
