@@ -12,12 +12,24 @@ from scenarios.declaration import Scenario
 from scenarios.files.declarations import closest, read_toml
 from sim.errors import DeclarationError
 
+IDENTIFICATION = "identification"
+KINDS = (IDENTIFICATION, "trace")
 
-def scenario_names() -> tuple[str, ...]:
-    """Names of the built-in scenarios, sorted."""
-    return tuple(
-        sorted(entry.name.removesuffix(".toml") for entry in files("scenarios").joinpath("catalog").iterdir() if entry.name.endswith(".toml"))
-    )
+
+def scenario_names(kind: str | None = None) -> tuple[str, ...]:
+    """Names of the built-in scenarios, sorted: all, or those of one kind."""
+    entries = files("scenarios").joinpath("catalog").iterdir()
+    names = sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml"))
+    return tuple(name for name in names if kind is None or scenario_kind(name) == kind)
+
+
+def scenario_kind(name: str) -> str:
+    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has none; a name or a path as ``load_document``."""
+    document, _, where = load_document(name)
+    kind = str(document.get("kind", IDENTIFICATION))
+    if kind not in KINDS:
+        raise DeclarationError(f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS))
+    return kind
 
 
 def scenario_title(name: str) -> str:
@@ -50,6 +62,15 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     """
     from scenarios.schema import scenario_of
 
+    document, short, where = load_document(name, changes)
+    if document.get("kind", IDENTIFICATION) != IDENTIFICATION:
+        what = f"{short} is a scenario of kind {document['kind']!r}, this is for identification"
+        raise DeclarationError(what, where=where, remedy="use flightid run, or another scenario")
+    return scenario_of({key: value for key, value in document.items() if key != "kind"}, short, where)
+
+
+def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any], str, str]:
+    """Content of a scenario's file with the changes made, its short name, and what messages call the file. Errors as ``load_scenario``."""
     where = scenario_file(name)
     if name.endswith(".toml"):
         document, short = read_toml(name), Path(name).stem
@@ -57,7 +78,7 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
         document, short = tomllib.loads(scenario_text(name)), name
     for change in changes:
         document = _changed(document, change)
-    return scenario_of(document, short, where)
+    return document, short, where
 
 
 def _known(name: str) -> None:

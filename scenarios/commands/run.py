@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from scenarios.commands.failures import named_after
 from sim.errors import DeclarationError, FlightidError
 
+# Seed, folder and whether figures are drawn.
+Run = Callable[[int | None, Path | None, bool], None]
+
 
 def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
     """Run scenarios one after the other; with several, each gets a folder of its own under ``out``."""
-    from scenarios.comparing import check_display
-    from scenarios.library import load_scenario, scenario_file
-    from scenarios.printing import console, print_study
-    from scenarios.run import run_scenario
+    from scenarios.library import scenario_kind
 
-    scenarios = [load_scenario(name, changes) for name in names]
-    _refuse_same_names([scenario.name for scenario in scenarios])
-    terminal = console()
-    for name, scenario in zip(names, scenarios, strict=True):
+    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
+    kinds = [scenario_kind(name) for name in names]
+    _refuse_same_names(shorts)
+    runs = [_RUNNERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
+    for short, run in zip(shorts, runs, strict=True):
+        run(seed, None if out is None else out if len(runs) == 1 else out / short, figures)
+
+
+def _identification(name: str, changes: Sequence[str]) -> Run:
+    """An identification that is loaded and can be run."""
+    from scenarios.library import load_scenario, scenario_file
+
+    scenario = load_scenario(name, changes)
+
+    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
+        from scenarios.comparing import check_display
+        from scenarios.printing import console, print_study
+        from scenarios.run import run_scenario
+
+        terminal = console()
         with named_after(scenario_file(name)):
             study = run_scenario(scenario, seed)
             check_display(study)
-        folder = None if out is None else out if len(scenarios) == 1 else out / scenario.name
         if folder is not None:
             from scenarios.study_files import write_study
 
@@ -31,6 +46,36 @@ def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, chan
         print_study(study, terminal)
         if folder is not None:
             terminal.print(f"written to {folder}", highlight=False)
+
+    return run
+
+
+def _trace(name: str, changes: Sequence[str]) -> Run:
+    """A tracing scenario that is loaded and can be run."""
+    from scenarios.library import load_document, scenario_file
+    from scenarios.tracing.schema import trace_scenario_of
+
+    scenario = trace_scenario_of(*load_document(name, changes))
+
+    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
+        from scenarios.progress import progress_bar
+        from scenarios.tracing.study import run_trace
+        from scenarios.tracing.text import trace_text
+
+        with named_after(scenario_file(name)), progress_bar() as progress:
+            study = run_trace(scenario, seed, progress)
+        if folder is not None:
+            from scenarios.tracing.files import write_trace
+
+            write_trace(study, folder, figures=figures)
+        print(trace_text(study), end="")
+        if folder is not None:
+            print(f"written to {folder}; begin with {folder / 'report.html'}")
+
+    return run
+
+
+_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {"identification": _identification, "trace": _trace}
 
 
 def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
