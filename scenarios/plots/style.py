@@ -184,7 +184,7 @@ def y_label(panel: Axes, text: str, size: float = LABEL_SIZE) -> None:
 
 def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
     """A short line above a panel, at its left."""
-    panel.set_title(text, fontsize=size, loc="left", pad=3.0, y=1.0)
+    panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)
 
 
 def _dress(panel: Axes) -> None:
