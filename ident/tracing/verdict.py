@@ -131,7 +131,10 @@ def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:
     others = [
         node
         for key, node in search.nodes.items()
-        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < within
+        if key != frozenset(best.names)
+        and len(node.effects) == len(best.effects)
+        and search.scores[key] - score < within
+        and not any(name.startswith(GUARD) for name in key)
     ]
     return sorted(others, key=search.score)[:most]
 
