@@ -1,0 +1,64 @@
+"""Problems for the tracing loop: the rigid aircraft with planted effects, cheap to fit (10 s at 50 Hz)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.tracing.cleaning import measured_masks
+from ident.tracing.node import Node
+from ident.tracing.search_state import Search
+from ident.tracing.settings import TraceSettings
+from sim.effect import Effect
+from sim.model import Model
+from sim.record import Channel, Record
+from tests.bases import Flight, rigid_flight, rigid_model
+from tests.rigid_problem import noisy
+
+OUTPUTS = ("alpha", "q", "nz")
+SETTINGS = TraceSettings(max_step=0.02)
+
+
+def declared() -> Model:
+    """What the search knows: the rigid aircraft, its derivatives free, one bias an output."""
+    return rigid_model().with_biases(OUTPUTS)
+
+
+def doublets(duration: float = 10.0, rate: float = 50.0, size: float = 0.06) -> Flight:
+    """A 3-2-1-1, then doublets of half its size: two amplitudes, and the motion never dies out."""
+    flight = rigid_flight(duration, rate)
+    extra = np.where(flight.time % 3.0 < 0.5, 1.0, np.where(flight.time % 3.0 < 1.0, -1.0, 0.0))
+    return Flight(flight.time, size / 0.1 * (flight.u + 0.05 * extra), max_step=0.02)
+
+
+def planted(
+    effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
+) -> Record:
+    """A record of the rigid aircraft with effects at given values (full names)."""
+    model = rigid_model().with_effects(*effects).with_values(values or {})
+    return noisy(model, flight or doublets(), np.random.default_rng(seed), scale=scale)
+
+
+def search_of(records: Sequence[Record], candidates: Sequence[Effect] = (), settings: TraceSettings = SETTINGS, model: Model | None = None) -> Search:
+    """A search that nothing was fitted in yet."""
+    outputs = [name for name in OUTPUTS if any(name in record.output_names for record in records)]
+    return Search(records, model or declared(), tuple(candidates), outputs, settings, measured_masks(records, outputs), lambda text, share: None)
+
+
+def fitted(search: Search, effects: Sequence[Effect] = (), start: Node | None = None, added: Mapping[str, float] | None = None) -> Node:
+    """A fit that has to work."""
+    node = search.fit(effects, start, added)
+    assert node is not None
+    return node
+
+
+def with_output(record: Record, name: str, values: np.ndarray) -> Record:
+    """A record with one output replaced; NaN marks missing samples."""
+    outputs = tuple(Channel.of(name, c.unit, values) if c.name == name else c for c in record.outputs)
+    return replace(record, outputs=outputs)
+
+
+def without_output(record: Record, name: str) -> Record:
+    return replace(record, outputs=tuple(c for c in record.outputs if c.name != name))

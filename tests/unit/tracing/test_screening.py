@@ -1,0 +1,215 @@
+"""Projected gains against full refits, and what the projection must not see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from ident.tracing.node import Node
+from ident.tracing.occasion import occasion_at
+from ident.tracing.screening import Finding, collinear, screen
+from ident.tracing.search_state import Search
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.library import find_effect
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.maths import each_column
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+from sim.vehicles.short_period import ShortPeriod
+from tests.tracing_problem import fitted, planted, search_of
+
+
+@dataclass(frozen=True)
+class ControlPower:
+    """All control derivatives times 1 + ``more``: nothing that CL_de and Cm_de could not do."""
+
+    name: ClassVar[str] = "control-power"
+    station: ClassVar[Station] = Station.INPUT_PATH
+    signal: ClassVar[str] = "elevator"
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("more", 0.1, "1"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"more": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = "The control is more powerful."
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"more": 0.0}, ("more",))]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        return each_column(lambda row, more: row * (1.0 + more), u, p.more)
+
+
+@dataclass(frozen=True)
+class MomentOfControlSquared:
+    """moment += ``gain`` elevator^2, between bounds: a regular effect of one parameter."""
+
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+
+    name: ClassVar[str] = "control-squared"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("moment",)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gain": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = "The control is no straight line."
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("gain", 0.0, "1/rad2", bounds=self.bounds),)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        return [Probe({"gain": 0.0}, ("gain",))]
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"moment": p.gain * s.elevator**2}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+
+def found(node: Node, *effects: Effect) -> list[Finding]:
+    return screen(node, effects, occasion_at(node))
+
+
+def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[Search, Node]:
+    search = search_of([planted(effects, values, seed)])
+    return search, fitted(search)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (SensorScale("q"), {"sensor-scale:q.scale": 1.03}),
+        (MomentOfControlSquared(), {"control-squared.gain": 0.4}),
+        (find_effect("sensor-drift:nz", ShortPeriod()), {"sensor-drift:nz.slope": 8e-4}),
+        (find_effect("speed-variation", ShortPeriod()), {"speed-variation.rate": 0.5}),
+    ],
+    ids=lambda item: getattr(item, "name", ""),
+)
+def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Effect, values: dict[str, float]) -> None:
+    search, root = root_of([effect], values)
+    (finding,) = found(root, effect)
+    child = fitted(search, [effect], root, finding.starts[0])
+    gain = root.fit.cost - child.fit.cost
+    assert gain > 4.0
+    assert finding.gain == pytest.approx(gain, rel=0.05)
+    # The amplitude begins where the refit ends, but for the noise.
+    (name,) = values
+    end = child.values.shared.get(name, child.values.own[0].get(name, np.nan))
+    away = values[name] - {item.name: value for item, value in zip(effect.parameters, effect.absent.values(), strict=True)}[effect.parameters[0].name]
+    assert finding.starts[0][name] == pytest.approx(end, abs=0.2 * abs(away))
+
+
+def test_what_the_declared_parameters_absorb_gains_nothing() -> None:
+    _, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.2})
+    assert found(root, SensorScale("q"))[0].gain > 100.0
+    findings = found(root, ControlPower())
+    # The signature stands in the node's own space: nothing is left of it but rounding, or only what rounding can explain.
+    assert not findings or findings[0].gain < 1e-3
+
+
+def test_an_effect_in_the_set_is_not_proposed_again() -> None:
+    search, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
+    child = fitted(search, [SensorScale("q")], root)
+    assert [finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))] == ["sensor-scale:nz"]
+
+
+def test_findings_stand_by_gain_and_begin_at_distinct_places() -> None:
+    _, root = root_of([SensorLag("q")], {"sensor-lag:q.time_constant": 0.06})
+    findings = found(root, SensorScale("q"), SensorScale("nz"), SensorLag("q"), UnmeasuredInput())
+    assert [f.gain for f in findings] == sorted((f.gain for f in findings), reverse=True)
+    assert findings[0].effect.name == "sensor-lag:q"
+    for finding in findings:
+        assert finding.gain == finding.gains[0]
+        assert list(finding.gains) == sorted(finding.gains, reverse=True)
+        assert len(finding.starts) == len(finding.gains) <= 3
+        size = np.linalg.norm(finding.contribution)
+        assert np.isfinite(size) and size > 0
+
+
+@dataclass(frozen=True)
+class EveryOnset:
+    """The pulse of `UnmeasuredInput`, each start simulated by itself instead of shifted."""
+
+    inner: UnmeasuredInput
+    starts: tuple[float, ...]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
+
+    def fitted_to(self, occasion: Occasion) -> EveryOnset:
+        return replace(self, inner=self.inner.fitted_to(occasion))  # type: ignore[arg-type]
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        probes = self.inner.probes(occasion)
+        return [Probe({**probe.values, "start": start}, probe.slopes) for probe in probes for start in self.starts]
+
+
+def test_a_shifted_onset_equals_its_direct_computation() -> None:
+    """Shifting by whole samples is exact for a model that does not know the time: gain, amplitudes and place agree."""
+    effect = UnmeasuredInput()
+    values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.004, "unmeasured-input.lift": 0.0}
+    _, root = root_of([effect], values)
+    (shifted,) = found(root, effect)
+    width = effect.fitted_to(occasion_at(root)).width
+    places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
+    (direct,) = found(root, EveryOnset(effect, places))  # type: ignore[arg-type]
+    assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
+    assert dict(shifted.starts[0]) == pytest.approx(dict(direct.starts[0]), rel=1e-5)
+    assert collinear(shifted, direct) == pytest.approx(1.0, abs=1e-9)
+    assert abs(shifted.starts[0]["unmeasured-input.start"] - 4.3) < 0.2
+
+
+def test_a_delay_and_a_lag_of_one_sensor_are_collinear_and_two_scales_are_not() -> None:
+    _, root = root_of([SensorDelay("q")], {"sensor-delay:q.delay": 0.05})
+    by_name = {f.effect.name: f for f in found(root, SensorDelay("q"), SensorLag("q"), SensorScale("nz"))}
+    late = collinear(by_name["sensor-delay:q"], by_name["sensor-lag:q"])
+    assert 0.97 < late <= 1.0 + 1e-12
+    assert collinear(by_name["sensor-delay:q"], by_name["sensor-delay:q"]) == pytest.approx(1.0, abs=1e-12)
+    assert collinear(by_name["sensor-delay:q"], by_name["sensor-scale:nz"]) < 0.9
+
+
+@pytest.mark.parametrize("gain", [-1.5, 1.5])
+def test_an_effect_that_points_the_unphysical_way_is_dropped(gain: float) -> None:
+    """Bounded to one side of its absence, it is found where the truth lies on that side and dropped where it does not."""
+    _, root = root_of([MomentOfControlSquared()], {"control-squared.gain": gain})
+    assert found(root, MomentOfControlSquared())[0].starts[0]["control-squared.gain"] * gain > 0
+    upward, downward = found(root, MomentOfControlSquared((0.0, 50.0))), found(root, MomentOfControlSquared((-50.0, 0.0)))
+    assert [len(upward), len(downward)] == ([1, 0] if gain > 0 else [0, 1])
+
+
+def test_an_early_sensor_is_no_late_one() -> None:
+    """Where alpha and nz are late the pitch rate looks early: a delay of q, which could only be longer, is not proposed."""
+    late = [SensorDelay("alpha"), SensorDelay("nz")]
+    _, root = root_of(late, {"sensor-delay:alpha.delay": 0.06, "sensor-delay:nz.delay": 0.06})
+    findings = {f.effect.name: f.gain for f in found(root, *late, SensorDelay("q"))}
+    assert findings.get("sensor-delay:q", 0.0) < 0.2 * max(findings.values())
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) -> None:
+    effect = UnmeasuredInput()
+    values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
+    records = [planted([effect], values, 1), planted(seed=2)]
+    root = fitted(search_of(records if which == 0 else records[::-1]))
+    (finding,) = found(root, effect)
+    assert finding.gain > 50.0
+    # Each record has all four for itself.
+    assert finding.parameters == 8
+    assert abs(finding.starts[0]["unmeasured-input.start"] - 4.3) < 0.3
+    assert finding.starts[0]["unmeasured-input.moment"] > 0.002
