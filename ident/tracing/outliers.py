@@ -79,9 +79,11 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
         step = np.abs(np.diff(channel.values, prepend=channel.values[0]))
         span = float(np.ptp(channel.values))
         near |= step > 0.2 * span if span > 0 else False
+    wide = near.copy()
     for shift in range(1, reach + 1):
-        near |= np.roll(near, shift) | np.roll(near, -shift)
-    return near
+        wide[shift:] |= near[:-shift]
+        wide[:-shift] |= near[shift:]
+    return wide
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
