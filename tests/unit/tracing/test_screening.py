@@ -166,9 +166,9 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
     values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.004, "unmeasured-input.lift": 0.0}
     _, root = root_of([effect], values)
     (shifted,) = found(root, effect)
-    width = effect.fitted_to(occasion_at(root)).width
+    width = effect.fitted_to(occasion_at(root)).width  # type: ignore[attr-defined]
     places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
-    (direct,) = found(root, EveryOnset(effect, places))  # type: ignore[arg-type]
+    (direct,) = found(root, EveryOnset(effect, places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
     assert dict(shifted.starts[0]) == pytest.approx(dict(direct.starts[0]), rel=1e-5)
     assert collinear(shifted, direct) == pytest.approx(1.0, abs=1e-9)
