@@ -98,8 +98,11 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
                 search.keep(better, search.score(node) - 2.0 * (node.fit.cost - better.fit.cost))
             continue
         child = _placed_better(search, child, finding.effect)
-        lowered = search.gain(node, child)
-        search.keep(child, search.score(node) - lowered)
+        parent = _from_child(search, node, child)
+        lowered = search.gain(parent, child)
+        if lowered <= search.settings.accept:
+            continue
+        search.keep(child, search.score(parent) - lowered)
         sentence = f"{finding.effect.name} lowers the criterion by {lowered:.1f}"
         search.steps.append(Step(child.names, search.score(child), child.fit.log_likelihood, sentence))
         accepted.append(search.nodes[frozenset(child.names)])
@@ -145,9 +148,28 @@ def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
     return child
 
 
+def _from_child(search: Search, node: Node, child: Node) -> Node:
+    """The parent, fitted again from the child's values where it has effects: part of a gain may be a better optimum of its own."""
+    if not node.effects or is_forced(node.system):
+        return node
+    again = search.fit(node.effects, child, rough=True)
+    if again is None or again.fit.cost >= node.fit.cost - 0.5:
+        return node
+    search.keep(again, search.score(node) - 2.0 * (node.fit.cost - again.fit.cost))
+    return again
+
+
 def _present(node: Node, effect: Effect) -> bool:
-    """Whether an effect's parameters differ from its absence by more than they are uncertain."""
+    """Whether an effect's parameters differ from its absence by more than they are uncertain, and an event lies inside a record.
+
+    One that begins with the record, or after it, is a constant or nothing.
+    """
     found = quantities(node, effect)
+    if is_event(effect):
+        onset = found.get(effect.onset)  # type: ignore[attr-defined]
+        spans = [(problem.record.time[3], problem.record.time[-4]) for problem in node.fit.layout.problems]
+        if onset is not None and not any(begin < onset.value < end for begin, end in spans):
+            return False
     known = [(found[local], value) for local, value in effect.absent.items() if local in found]
     return not known or any(abs(quantity.value - value) > 2.0 * quantity.std for quantity, value in known)
 

@@ -55,9 +55,12 @@ def look_back(search: Search, node: Node) -> Node:
         for effect in best.effects:
             rest = tuple(other for other in best.effects if other.name != effect.name)
             key = frozenset(other.name for other in rest)
-            without = search.nodes.get(key) or search.fit(rest, best)
-            if without is None:
+            # From the set's own values: the node kept from the way up may stand in a worse optimum.
+            again, kept = search.fit(rest, best), search.nodes.get(key)
+            known = [node for node in (again, kept) if node is not None]
+            if not known:
                 continue
+            without = min(known, key=lambda node: node.fit.cost)
             loss = search.gain(without, best)
             if loss < search.settings.accept:
                 smaller.append((loss, without, effect.name))
