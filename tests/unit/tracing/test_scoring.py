@@ -1,0 +1,130 @@
+"""What an addition brings, how evenly, and whether anything is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.tracing.node import Node
+from ident.tracing.scoring import few_samples, is_white, unevenness
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.record import Record
+from tests.tracing_problem import fitted, planted, search_of, with_output
+
+PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
+
+
+@pytest.fixture(scope="module")
+def root() -> Node:
+    return fitted(search_of([planted()]))
+
+
+def with_residuals(node: Node, residuals: Sequence[np.ndarray], lift: np.ndarray | float = 0.0) -> Node:
+    """The node with other residuals, and with fitted outputs raised by ``lift``."""
+    lines = tuple(replace(line, y=line.y + lift) for line in node.fit.lines)
+    return replace(node, fit=replace(node.fit, lines=lines, weighed=replace(node.fit.weighed, residuals=tuple(residuals))))
+
+
+def spoiled(record: Record, first: float, factor: float) -> Record:
+    """The record with noise ``factor`` times as large for two seconds from ``first``, in all channels."""
+    rng = np.random.default_rng(5)
+    within = (record.time > first) & (record.time < first + 2.0)
+    for name, sigma in (("alpha", 0.002), ("q", 0.002), ("nz", 0.01)):
+        extra = np.sqrt(factor**2 - 1.0) * sigma * rng.standard_normal(len(record))
+        record = with_output(record, name, record[name].values + np.where(within, extra, 0.0))
+    return record
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_unevenness_is_about_one_on_gaussian_residuals(seed: int) -> None:
+    lag = SensorLag("q")
+    search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05}, seed)])
+    root = fitted(search)
+    child = fitted(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    # A mean of squares weighted over some hundred samples scatters by a tenth.
+    assert 1.0 <= unevenness(root, child) < 1.3
+
+
+def test_unevenness_is_large_where_large_residuals_coincide_with_the_change() -> None:
+    """The same noisy stretch, once where the addition acts and once where it does not: only the first divides its gain."""
+    effect = UnmeasuredInput()
+    found = {}
+    for first in (4.0, 7.8):
+        search = search_of([spoiled(planted([effect], PULSE), first, 4.0)])
+        root = fitted(search)
+        child = fitted(search, [effect], root, PULSE)
+        found[first] = unevenness(root, child)
+        price = 4.0 * np.log(child.fit.counts.sum()) + search.settings.event
+        assert search.gain(root, child) <= 2.0 * (root.fit.cost - child.fit.cost) / found[first] - price + 1e-9
+    assert found[4.0] > 1.5
+    assert found[7.8] < 1.1
+
+
+def test_unevenness_by_hand(root: Node) -> None:
+    rng = np.random.default_rng(1)
+    shape = root.fit.residuals[0].shape
+    e, change = rng.standard_normal(shape) * np.array([[1.0], [2.0], [3.0]]), rng.standard_normal(shape)
+    sigma = np.sqrt(root.fit.variance)[:, None]
+    child = with_residuals(root, [10.0 * e * sigma], change)
+    c = change / sigma
+    assert unevenness(root, child) == pytest.approx(np.sum(c**2 * (10.0 * e) ** 2) / np.sum(c**2), rel=1e-9)
+    # Never below one, and one where nothing changes.
+    assert unevenness(root, with_residuals(root, [0.1 * e * sigma], change)) == 1.0
+    assert unevenness(root, root) == 1.0
+
+
+def test_few_samples_is_the_share_of_the_three_most_improved(root: Node) -> None:
+    residual = root.fit.residuals[0]
+    sigma = np.sqrt(root.fit.variance)
+    before = residual.copy()
+    before[1, [10, 200, 400]] = 30.0 * sigma[1]
+    after = before.copy()
+    after[1, [10, 200, 400]] = 0.0
+    parent = with_residuals(root, [before])
+    assert few_samples(parent, with_residuals(root, [after])) == pytest.approx(1.0)
+    # A fourth sample improved alike leaves three quarters.
+    before[1, 300], after[1, 300] = 30.0 * sigma[1], 0.0
+    assert few_samples(with_residuals(root, [before]), with_residuals(root, [after])) == pytest.approx(0.75)
+    # All improved alike: three of N.
+    even = np.repeat(sigma[:, None], residual.shape[1], axis=1)
+    assert few_samples(with_residuals(root, [2.0 * even]), with_residuals(root, [even])) == pytest.approx(3.0 / residual.shape[1])
+    # Nothing improved, or worse: no evidence at all.
+    assert few_samples(root, root) == 1.0
+    assert few_samples(with_residuals(root, [even]), with_residuals(root, [2.0 * even])) == 1.0
+
+
+def test_a_real_effect_does_not_hang_on_few_samples() -> None:
+    lag = SensorLag("q")
+    search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05})])
+    root = fitted(search)
+    child = fitted(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    assert few_samples(root, child) < 0.2
+    assert search.gain(root, child) > 100.0
+
+
+def test_is_white_of_the_right_set_and_of_a_lacking_one(root: Node) -> None:
+    assert is_white(root)
+    search = search_of([planted([UnmeasuredInput()], PULSE)])
+    lacking = fitted(search)
+    assert not is_white(lacking)
+    assert is_white(fitted(search, [UnmeasuredInput()], lacking, PULSE))
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_one_coloured_channel_is_enough(root: Node, channel: int) -> None:
+    residual = root.fit.residuals[0].copy()
+    residual[channel] = np.convolve(residual[channel], [0.5, 0.5], mode="same")
+    assert not is_white(with_residuals(root, [residual]))
+
+
+def test_whiteness_is_asked_at_the_level_given(root: Node) -> None:
+    """A weak colour: white at one in a billion, not at one in ten."""
+    residual = root.fit.residuals[0].copy()
+    residual[0] = np.convolve(residual[0], [0.1, 0.9, 0.0], mode="same")
+    node = with_residuals(root, [residual])
+    assert is_white(node, 1e-9)
+    assert not is_white(node, 0.999)
