@@ -84,7 +84,7 @@ def test_links_lead_somewhere(path: Path) -> None:
 SECTIONS: dict[str, type[BaseModel]] = {
     "The file": schema._Scenario,
     "`[flight]`": schema._Flight,
-    "`[[flight.maneuvers]]`": schema._Maneuver,
+    "`[[flight.maneuvers]]`": schema.Maneuver,
     "`[estimate]`": schema._Estimate,
     "`[estimate.start]` and `[estimate.initial]`": schema._Spread,
     "`published`": schema._Published,
