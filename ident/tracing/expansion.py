@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ident.filter_error import turbulence_worth_trying
@@ -111,16 +113,31 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
 
 def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
     """An effect's free parameters in a node, by local name; of the first record it acts on where each has its own."""
+    each = _quantities_by_record(node, effect)
+    return next((found for found in each if _stands_out(effect, found)), each[0])
+
+
+def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
+    """The same for every record; alike where the parameters are shared."""
     normal, _ = node.fit.normal_equations()
     covariance, _ = inverse_information(normal, node.fit.theta)
-    names = node.fit.layout.names
-    out = {}
-    for item in effect.parameters:
-        full = full_name(effect, item.name)
-        at = next((i for i, name in enumerate(names) if name == full or name.startswith(f"{full}, record")), None)
-        if at is not None:
-            out[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+    places = {name: i for i, name in enumerate(node.fit.layout.names)}
+    out: list[dict[str, Quantity]] = []
+    for r in range(len(node.fit.layout.problems)):
+        found = {}
+        for item in effect.parameters:
+            full = full_name(effect, item.name)
+            at = places.get(full, places.get(f"{full}, record {r + 1}"))
+            if at is not None:
+                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+        out.append(found)
     return out
+
+
+def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
+    """Whether parameters differ from the effect's absence by more than they are uncertain."""
+    known = [(found[local], value) for local, value in effect.absent.items() if local in found]
+    return not known or any(abs(quantity.value - value) > 2.0 * quantity.std for quantity, value in known)
 
 
 def _best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
@@ -160,18 +177,13 @@ def _from_child(search: Search, node: Node, child: Node) -> Node:
 
 
 def _present(node: Node, effect: Effect) -> bool:
-    """Whether an effect's parameters differ from its absence by more than they are uncertain, and an event lies inside a record.
-
-    One that begins with the record, or after it, is a constant or nothing.
-    """
-    found = quantities(node, effect)
-    if is_event(effect):
-        onset = found.get(effect.onset)  # type: ignore[attr-defined]
-        spans = [(problem.record.time[3], problem.record.time[-4]) for problem in node.fit.layout.problems]
-        if onset is not None and not any(begin < onset.value < end for begin, end in spans):
-            return False
-    known = [(found[local], value) for local, value in effect.absent.items() if local in found]
-    return not known or any(abs(quantity.value - value) > 2.0 * quantity.std for quantity, value in known)
+    """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
+    onset = getattr(effect, "onset", "")
+    for problem, found in zip(node.fit.layout.problems, _quantities_by_record(node, effect), strict=True):
+        inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
+        if inside and _stands_out(effect, found):
+            return True
+    return False
 
 
 def _price(search: Search, node: Node, finding: Finding) -> float:
