@@ -148,7 +148,9 @@ def _closing_in(record: Record, system: System, settings: FilterSettings, name: 
         spacing = fine[1] - fine[0]
         fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
         if fall <= _PARABOLA or spacing <= _FINEST:
-            bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED)
+            bank, trajectories = run_iterated_bank(
+                record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED
+            )
             delay, curvature = vertex(fine[near], bank.log_likelihood)
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
                 slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
