@@ -1,0 +1,76 @@
+"""How long a diagnosis takes as a whole process, by what is missing in the model, and the share of each step.
+
+    python benchmarks/diagnose.py [--runs N]
+
+Records of 1001 samples and three channels with nothing, one effect, two, and something outside the library; figures and report
+included. The ratio is to the record with nothing missing, so that runs on different machines compare.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+KINDS = {
+    "trace-nothing": ("nothing", 2.5),
+    "trace-delay": ("one effect", 4.0),
+    "trace-pair": ("two effects", 7.0),
+    "trace-outside": ("outside", 15.0),
+}  # with the wall seconds asked for on two cores
+
+
+def fly(name: str, folder: Path) -> tuple[Path, Path, Path]:
+    """Training record, held-out record and vehicle file of a tracing scenario."""
+    from scenarios.library import load_document
+    from scenarios.tracing.flights import fly_trace, write_flown
+    from scenarios.tracing.schema import trace_scenario_of
+
+    folder.mkdir()
+    scenario = trace_scenario_of(*load_document(name))
+    return write_flown(fly_trace(scenario, scenario.seed), folder)
+
+
+def diagnosed(files: tuple[Path, Path, Path], folder: Path, runs: int) -> tuple[float, float, dict[str, float]]:
+    """Median wall and processor seconds, and seconds of each step in the last run."""
+    train, validate, vehicle = (str(path) for path in files)
+    command = [sys.executable, "-m", "scenarios", "diagnose", train, "--model", "rigid", "--vehicle", vehicle, "--validate", validate, "--out", "out"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    walls, processors, steps = [], [], {}
+    for _ in range(runs):
+        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        done = subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True)
+        walls.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        processors.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+        line = next(line for line in done.stdout.splitlines() if line.startswith("seconds:"))
+        steps = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (\d+\.\d+)", line.removeprefix("seconds:"))}
+    return statistics.median(walls), statistics.median(processors), steps
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=3)
+    arguments = parser.parse_args()
+    reference = 0.0
+    with tempfile.TemporaryDirectory() as temporary:
+        for name, (words, limit) in KINDS.items():
+            folder = Path(temporary) / name
+            wall, processor, steps = diagnosed(fly(name, folder), folder, arguments.runs)
+            reference = reference or wall
+            rest = max(wall - sum(steps.values()), 0.0)
+            shares = ", ".join(f"{step} {100 * seconds / wall:.0f} %" for step, seconds in {**steps, "start, files, figures": rest}.items())
+            print(f"{words:12} wall {wall:5.1f} s (asked {limit:g}), processor {processor:5.1f} s, {wall / reference:4.1f} x nothing: {shares}")
+
+
+if __name__ == "__main__":
+    main()
