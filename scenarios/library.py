@@ -13,7 +13,7 @@ from scenarios.files.declarations import closest, read_toml
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
-KINDS = (IDENTIFICATION, "trace")
+KINDS = (IDENTIFICATION, "trace", "x29")
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:
@@ -77,7 +77,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
     else:
         document, short = tomllib.loads(scenario_text(name)), name
     for change in changes:
-        document = _changed(document, change)
+        document = with_change(document, change)
     return document, short, where
 
 
@@ -86,7 +86,8 @@ def _known(name: str) -> None:
         raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
 
 
-def _changed(document: dict[str, Any], change: str) -> dict[str, Any]:
+def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
+    """A scenario's content with one ``"key=value"`` put in; raises DeclarationError where it cannot be."""
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
         raise DeclarationError(f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50")

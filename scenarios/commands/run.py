@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scenarios.commands.failures import named_after
 from sim.errors import DeclarationError, FlightidError
+
+if TYPE_CHECKING:
+    from sim.record import Record
 
 # Seed, folder and whether figures are drawn.
 Run = Callable[[int | None, Path | None, bool], None]
@@ -75,25 +79,64 @@ def _trace(name: str, changes: Sequence[str]) -> Run:
     return run
 
 
-_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {"identification": _identification, "trace": _trace}
+def _loop(name: str, changes: Sequence[str]) -> Run:
+    """A closed-loop scenario that is loaded and can be run."""
+    from scenarios.library import scenario_file
+    from scenarios.x29.study import loop_scenario
+
+    scenario = loop_scenario(name, changes)
+
+    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
+        from scenarios.printing import console
+        from scenarios.x29.printing import print_loop
+        from scenarios.x29.study import run_loop
+
+        terminal = console()
+        with named_after(scenario_file(name)):
+            study = run_loop(scenario, seed)
+        if folder is not None:
+            from scenarios.x29.files import write_loop
+
+            write_loop(study, folder, figures=figures)
+        print_loop(study, terminal)
+        if folder is not None:
+            terminal.print(f"written to {folder}", highlight=False)
+
+    return run
+
+
+_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {"identification": _identification, "trace": _trace, "x29": _loop}
 
 
 def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
     """Write the record of a scenario, its truth left out."""
     from scenarios.files.writing import write_record
-    from scenarios.flying import fly_scenario
-    from scenarios.library import load_scenario, scenario_file
 
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
-    scenario = load_scenario(name, changes)
-    with named_after(scenario_file(name)):
-        record, _ = fly_scenario(scenario, scenario.seed if seed is None else seed)
+    record = _record(name, seed, changes)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_record(out.parent, record, out.stem)
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
+
+
+def _record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
+    from scenarios.library import load_scenario, scenario_file, scenario_kind
+
+    if scenario_kind(name) == "x29":
+        from scenarios.x29.flying import fly_loop
+        from scenarios.x29.study import loop_scenario
+
+        loop = loop_scenario(name, changes)
+        with named_after(scenario_file(name)):
+            return fly_loop(loop.flight, loop.seed if seed is None else seed).record
+    from scenarios.flying import fly_scenario
+
+    scenario = load_scenario(name, changes)
+    with named_after(scenario_file(name)):
+        return fly_scenario(scenario, scenario.seed if seed is None else seed)[0]
 
 
 def _refuse_same_names(names: Sequence[str]) -> None:

@@ -1,0 +1,143 @@
+"""Figures of low-order equivalents: two estimates side by side with their bounds, likelihood along the delay, variants as bars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ident.estimate import FilterHistory
+from scenarios.plots.display import DisplayUnit, axis_label, display_unit, plain, scaled_unit
+from scenarios.plots.histories import course
+from scenarios.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    LABEL_SIZE,
+    SKY,
+    TICK_SIZE,
+    VERMILION,
+    ZERO,
+    caption,
+    finish,
+    folded,
+    make_sheet,
+    time_axis,
+    y_label,
+)
+
+_DEEPEST = 1e4  # of a log-likelihood below its maximum: what lies lower is drawn there
+_LABEL = 2.6  # inches
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A value with its standard deviation, in ``unit``."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodCurve:
+    """A bank's delays (s) and log-likelihoods ``(B,)``, and the three delays read from them, s."""
+
+    delays: np.ndarray
+    log_likelihood: np.ndarray
+    most_likely: float
+    weighted_mean: float
+    refined: float
+    refined_std: float
+
+
+def figure_side_by_side(first: Mapping[str, Bar], second: Mapping[str, Bar], first_label: str, second_label: str, title: str = "") -> Figure:
+    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig. 8 of NASA TM-101722)."""
+    names = [name for name in first if name in second]
+    columns = 4
+    rows = -(-len(names) // columns)
+    sheet = make_sheet([1.3] * rows, (1.0,) * columns, count=len(names), share_x=False, row_gap=0.36, column_gap=0.5, left=0.55)
+    for name, panel in zip(names, sheet.panels, strict=True):
+        base = display_unit(first[name].unit)
+        # A frequency stays in radians, as every table has it.
+        base = base if base.factor == 1.0 else DisplayUnit(first[name].unit)
+        unit = scaled_unit(base, max(abs(first[name].value), abs(second[name].value), first[name].std, second[name].std))
+        caption(panel, axis_label(name, unit), LABEL_SIZE)
+        for x, bar, colour, marker, label in ((0.0, first[name], BLUE, "o", first_label), (1.0, second[name], VERMILION, "s", second_label)):
+            yerr = [2.0 * unit.factor * bar.std]
+            panel.errorbar(
+                [x],
+                [unit.factor * bar.value],
+                yerr=yerr,
+                fmt=marker,
+                color=colour,
+                markersize=4.5,
+                capsize=3,
+                linewidth=1.2,
+                label=plain(f"{label} ±2σ"),
+            )
+        panel.set_xlim(-0.6, 1.6)
+        panel.set_xticks([])
+        panel.margins(y=0.2)
+    return finish(sheet, title, bottom=0.15, head=0.24)
+
+
+def figure_states(history: FilterHistory, names: Sequence[str], units: Sequence[str], title: str = "") -> Figure:
+    """States of a filter over time with bounds of two standard deviations, one wide panel each, whole range."""
+    sheet = make_sheet([1.1] * len(names), row_gap=0.2)
+    for name, unit, panel in zip(names, units, sheet.panels, strict=True):
+        shown = display_unit(unit)
+        path = course(history, name, shown.factor)
+        panel.fill_between(path.time, path.mean - 2.0 * path.std, path.mean + 2.0 * path.std, color=SKY, alpha=0.5, linewidth=0, label="±2σ")
+        panel.plot(path.time, path.mean, color=BLUE, linewidth=1.0, label="estimate")
+        y_label(panel, axis_label(name, shown))
+    time_axis(sheet.panels[-1])
+    return finish(sheet, title)
+
+
+def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
+    """How far each delay's log-likelihood lies below the largest (logarithmic), with the most likely, the weighted and the refined delay."""
+    sheet = make_sheet([2.0], right=0.3)
+    panel = sheet.panels[0]
+    below = np.clip(np.max(curve.log_likelihood) - curve.log_likelihood, 0.0, _DEEPEST)
+    panel.plot(1e3 * curve.delays, below, color=BLUE, marker="o", markersize=4.0, linewidth=1.0, label="bank of filters, one pass")
+    panel.axvline(1e3 * curve.most_likely, color=BLUE, linewidth=1.0, linestyle=":", label="most likely")
+    panel.axvline(1e3 * curve.weighted_mean, color=GREEN, linewidth=1.0, linestyle="--", label="likelihood-weighted sum")
+    panel.axvline(1e3 * curve.refined, color=VERMILION, linewidth=1.2, label="refined" + (" ±2σ" if curve.refined_std > 0 else ""))
+    if curve.refined_std > 0:
+        half = 2e3 * curve.refined_std
+        panel.axvspan(1e3 * curve.refined - half, 1e3 * curve.refined + half, color=SKY, alpha=0.4, linewidth=0)
+    panel.set_yscale("symlog", linthresh=10.0)
+    panel.set_ylim(1.6 * max(float(below.max()), 10.0), -3.0)
+    panel.set_xlabel("delay (ms)", fontsize=LABEL_SIZE)
+    y_label(panel, "log-likelihood below the best")
+    return finish(sheet, title)
+
+
+def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "") -> Figure:
+    """One number for each variant as a horizontal bar; ``words`` says what it is."""
+    n = len(rows)
+    sheet = make_sheet([0.38 * n + 0.1], left=_LABEL + 0.2, right=0.5)
+    panel = sheet.panels[0]
+    places = np.arange(n)[::-1]
+    panel.barh(places, [value for _, value in rows], height=0.5, color=[VERMILION] + [BLUE] * (n - 1))
+    panel.axvline(0.0, **ZERO)
+    for place, (_, value) in zip(places, rows, strict=True):
+        text = f"{value:+.2f}".replace("-", "−")
+        panel.annotate(
+            text,
+            (value, place),
+            xytext=(4 if value >= 0 else -4, 0),
+            textcoords="offset points",
+            ha="left" if value >= 0 else "right",
+            va="center",
+            fontsize=TICK_SIZE,
+            color=BLACK,
+        )
+    panel.set_yticks(places, ["\n".join(folded(plain(label), _LABEL, TICK_SIZE)) for label, _ in rows])
+    panel.margins(x=0.18)
+    panel.grid(False, axis="y")
+    panel.set_xlabel(words, fontsize=LABEL_SIZE)
+    return finish(sheet, title, head=0.12)

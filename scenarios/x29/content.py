@@ -1,0 +1,190 @@
+"""The comparison file of a closed-loop scenario as strict JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Estimate
+from ident.handling_qualities import UNITS, Level
+from scenarios.comparing import SCHEMA, versions
+from scenarios.x29.findings import LARGE, bias_rows, not_identifiable
+from scenarios.x29.measures import Misfit
+from scenarios.x29.published import printed_column
+from scenarios.x29.study import LoopStudy, Result
+from sim.vehicles.factory import LOES_DERIVATIVES
+
+
+def loop_comparison(study: LoopStudy) -> dict[str, Any]:
+    """Content of ``comparison.json``. There is no ``true``: the loop is of higher order than the model; ``loop_equivalent`` is the
+    low-order fit to the linear loop's own frequency response, and what differs from it beyond sigma is the model's bias."""
+    result, scenario = study.result, study.scenario
+    estimate, bank = result.estimate, result.bank
+    out: dict[str, Any] = {
+        "schema": SCHEMA,
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "seed": study.seed,
+        "distance": scenario.distance,
+        "parameters": _parameters(study),
+        "fixed": _fixed(result),
+        "derived": {q.name: {"estimate": q.value, **({"std": q.std} if q.std > 0 else {}), "unit": q.unit} for q in result.qualities},
+        "outcome": estimate.outcome.code,
+        "outcome_sentence": estimate.outcome.value,
+        "log_likelihood": estimate.log_likelihood,
+        "noise_std": dict(result.setting.noise_std),
+        "process_noise": dict(scenario.estimation.process_noise),
+        "states": _states(study),
+        "correlation": correlation_content(estimate),
+        "bank": {
+            "delays": bank.delays.tolist(),
+            "log_likelihood": [float(v) for v in np.maximum(bank.log_likelihood, -1e300)],
+            "weights": bank.weights.tolist(),
+            "most_likely": bank.most_likely,
+            "weighted_mean": bank.weighted_mean,
+            "refined": bank.refined,
+            **({"refined_std": bank.refined_std} if bank.refined_std > 0 else {}),
+            "at_edge": bank.at_edge,
+        },
+        "plain": {**_values(study.plain.estimate), "delay": study.plain.delay},
+        "levels": [_level(level) for level in study.levels],
+        "frequency_response": _check(study),
+        "margins": {
+            name: {
+                "gain_decrease_db": max(m.gain_decrease, -1e3),
+                "gain_increase_db": min(m.gain_increase, 1e3),
+                "phase_deg": min(m.phase, 1e3),
+                "crossover_rad_s": m.crossover,
+            }
+            for name, m in study.margins.items()
+        },
+        "model_order_bias": [
+            {"name": row.name, "estimate": row.estimate, "loop_equivalent": row.equivalent, "sigmas": row.sigmas} for row in bias_rows(study)
+        ],
+        "not_identifiable": [{"name": a, "with": b, "correlation": r} for a, b, r in not_identifiable(estimate)],
+        "misfit": _misfit(study.misfit),
+        "residual_tests": [
+            {"name": t.name, "channel": t.channel, "statistic": t.statistic, "p_value": t.p_value, "passed": t.passed, "sentence": t.sentence}
+            for t in study.tests
+        ],
+        "iterations": estimate.iterations,
+        "method": "bank of extended Kalman filters, refined",
+        "findings": scenario.findings,
+        "versions": versions(),
+    }
+    if study.other is not None and study.differences is not None and scenario.against is not None:
+        out["against"] = {
+            "scenario": scenario.against.scenario,
+            "changes": list(scenario.against.changes),
+            "seed": study.other.scenario.seed,
+            "differences": [
+                {"name": d.name, "unit": d.unit, "other": d.first, "other_std": d.first_std, "z": d.z, "beyond": d.beyond}
+                for d in study.differences.differences
+            ],
+            "p_value": study.differences.p_value,
+            "derived": {
+                item.name: {"other": item.value, "sigmas": dict(study.derived_differences).get(item.name, 0.0)} for item in study.other.qualities
+            },
+        }
+    if study.together:
+        out["together"] = {name: {**_values(found.estimate), "delay": found.delay} for name, found in study.together.items()}
+    if len(study.passes) > 1:
+        out["passes"] = [_values(each) for each in study.passes]
+    if study.variants:
+        out["variants"] = [
+            {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
+        ]
+    return out
+
+
+def correlation_content(estimate: Estimate) -> dict[str, Any]:
+    """Correlation matrix of states and parameters after the last sample, and the pairs above ``LARGE``."""
+    history = estimate.history
+    assert history is not None
+    P = history.covariance[-1]
+    std = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    C = np.clip(P / np.outer(std, std), -1.0, 1.0)
+    names = history.names
+    large = [[names[i], names[j], float(C[i, j])] for i in range(len(names)) for j in range(i) if abs(C[i, j]) > LARGE]
+    return {"names": list(names), "matrix": C.tolist(), "large": large}
+
+
+def _parameters(study: LoopStudy) -> dict[str, Any]:
+    estimate = study.result.estimate
+    printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
+    rows = {}
+    for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+        row: dict[str, Any] = {"estimate": value, "std": std, "unit": unit}
+        if name in LOES_DERIVATIVES:
+            row["loop_equivalent"] = float(getattr(study.check.loop, name))
+        if name in printed:
+            row["published"] = {"value": printed[name].value, **({"std": s} if (s := printed[name].std) is not None else {})}
+        rows[name] = row
+    return rows
+
+
+def _fixed(result: Result) -> dict[str, Any]:
+    fixed = {p.name: {"value": p.value, "unit": p.unit} for p in result.setting.system.parameters if not p.free and p.name != "delay"}
+    if "delay" not in result.estimate.names:
+        fixed["delay"] = {"value": result.bank.refined, "unit": "s"}
+    return fixed
+
+
+def _states(study: LoopStudy) -> dict[str, Any]:
+    """Per state and parameter of eq. 11: initial and final value and variance, R and Q: what Tables 1 and 2 print."""
+    history, system = study.result.estimate.history, study.result.setting.system
+    assert history is not None
+    noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
+    rows = {}
+    for i, name in enumerate(history.names):
+        item = system.initial[name] if name in system.state_names else system.parameters[name]
+        row = {
+            "initial": item.value,
+            "initial_variance": item.prior_std**2,
+            "final": float(history.mean[i, -1]),
+            "final_variance": float(history.std[i, -1] ** 2),
+            "process_noise": float(density.get(name, 0.0)),
+        }
+        rows[name] = {**row, **({"measurement_variance": noise[name] ** 2} if name in noise else {})}
+    return rows
+
+
+def _check(study: LoopStudy) -> dict[str, Any]:
+    loop, record = study.check.loop, study.check.record
+    names = (*LOES_DERIVATIVES, "natural_frequency", "damping_ratio")
+    out: dict[str, Any] = {"loop": {name: float(getattr(loop, name)) for name in names}, "mean_coherence": study.check.coherence}
+    return {**out, "record": {name: float(value) for name, value in record.items()}} if record is not None else out
+
+
+def _values(estimate: Estimate) -> dict[str, Any]:
+    return {"parameters": {n: {"estimate": float(v), "std": float(s)} for n, v, s in zip(estimate.names, estimate.values, estimate.std, strict=True)}}
+
+
+def _level(level: Level) -> dict[str, Any]:
+    c = level.criterion
+    return {
+        "quantity": c.quantity,
+        "category": c.category,
+        "value": level.quality.value,
+        "std": level.quality.std,
+        "unit": UNITS[c.quantity],
+        "level": level.level,
+        "best": level.best,
+        "worst": level.worst,
+        "source": c.source,
+    }
+
+
+def _misfit(found: Misfit) -> Mapping[str, Any]:
+    return {
+        "rms_over_noise": found.rms,
+        "stretch": found.stretch,
+        "elsewhere": found.elsewhere,
+        "peak_measured": found.peak_measured,
+        "peak_simulated": found.peak_simulated,
+        "peak_percent": found.peak_percent,
+        "q_innovations": {"lag_one": found.lag_one, "ljung_box": found.q_box, "share_below_fifth_of_nyquist": found.low_share},
+        "innovation_ratio": found.ratio,
+    }

@@ -1,0 +1,115 @@
+"""The low-order filter of a closed-loop scenario: set up by the paper's rules, run as a bank of delays, refined, flown freely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.bank import BankEstimate, run_bank
+from ident.delay_bank import DELAYS, DelayBank, likelihood_weights, run_delay_bank
+from ident.ekf import FilterSettings, filter_record
+from ident.estimate import Estimate
+from ident.iterated_bank import run_iterated_bank
+from ident.noise_envelope import noise_envelope
+from ident.setup import filter_problem
+from ident.smoother import smooth
+from scenarios.loes_filter import ENGINEERING_STD, loes_filter_system
+from scenarios.x29.declaration import LoopEstimation
+from scenarios.x29.flying import Flown, low_order_model
+from sim.grid import drive_from_record, make_grid
+from sim.integrate import simulate
+from sim.record import Record
+from sim.system import System
+
+SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled
+ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
+
+
+@dataclass(frozen=True, eq=False)
+class SetUp:
+    """A record cut to the window, the filter's System for it, and the noise it assumes."""
+
+    record: Record
+    system: System
+    noise_std: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Plain:
+    """The paper's own way: one pass of the bank, and the filter of the most likely delay.
+
+    ``estimate`` has the parameters without the delay.
+    """
+
+    bank: BankEstimate
+    delays: np.ndarray
+    weights: np.ndarray
+    delay: float
+    weighted_mean: float
+    estimate: Estimate
+
+
+def set_up(estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None) -> SetUp:
+    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of constants."""
+    record = flown.record
+    if estimation.window_start is not None or estimation.window_stop is not None:
+        record = record.window(estimation.window_start, estimation.window_stop)
+    t = flown.x29.telemetry
+    sensors = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
+    found = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
+    noise = {name: estimation.noise_share * found[name] for name in sensors}
+    # The delay here is only a place holder: the bank holds it at each of its values.
+    model = low_order_model(flown.x29, {**start, "delay": 0.0})
+    system = loes_filter_system(model, record, noise, estimation.process_noise, ENGINEERING_STD)
+    system = replace(system, initial=system.initial.with_prior(dict(estimation.initial_std)))
+    if initial:
+        system = replace(system, parameters=system.parameters.with_values(dict(initial)))
+    return SetUp(record, system, noise)
+
+
+def refined(setting: SetUp) -> DelayBank:
+    """The bank with a delay between its grid points."""
+    return run_delay_bank(setting.record, setting.system)
+
+
+def plain(setting: SetUp) -> Plain:
+    """One pass of nine filters, and that of the most likely delay alone."""
+    bank = run_bank(setting.record, setting.system, held={"delay": np.array(DELAYS)})
+    best = int(np.argmax(bank.log_likelihood))
+    weights, delay = likelihood_weights(bank.log_likelihood), DELAYS[best]
+    estimate = filter_record(filter_problem(setting.record, _at(setting.system, delay), np.inf), FilterSettings())
+    return Plain(bank, np.array(DELAYS), weights, delay, float(weights @ np.array(DELAYS)), estimate)
+
+
+def started_again(estimation: LoopEstimation, flown: Flown, found: Estimate) -> SetUp:
+    """The filter for the same flight started at a result, with the same rule for P0."""
+    values = found.as_dict()
+    constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
+    start = {name: value for name, value in values.items() if name not in (*constants, "nz_0", "delay")}
+    return set_up(estimation, flown, start, constants)
+
+
+def rough(setting: SetUp) -> tuple[Estimate, float]:
+    """A quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the likeliest filter and its delay (s)."""
+    delays = np.array(ROUGH_DELAYS)
+    bank, trajectories = run_iterated_bank(setting.record, setting.system, held={"delay": delays}, tolerance=np.inf)
+    best = int(np.argmax(bank.log_likelihood))
+    problem = filter_problem(setting.record, _at(setting.system, float(delays[best])), np.inf)
+    return filter_record(problem, FilterSettings(), about=trajectories[:, :, best]), float(delays[best])
+
+
+def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndarray:
+    """Outputs ``(3, N)`` of the final estimate driven by the stick alone, from the smoothed state at the window's begin."""
+    record, system = setting.record, setting.system
+    values = {name: value for name, value in estimate.as_dict().items() if name != "delay"}
+    p = system.parameters.with_values({**values, "delay": delay}).values().tolist()
+    grid = make_grid(record.time, float(np.diff(record.time).max()))
+    drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+    x0 = [0.0, 0.0, 0.0] if estimate.history is None else smooth(estimate.history).mean[:3, 0].tolist()
+    return np.array(simulate(system, p, x0, drive, grid))
+
+
+def _at(system: System, delay: float) -> System:
+    return replace(system, parameters=system.parameters.with_values({"delay": delay}))

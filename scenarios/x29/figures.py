@@ -1,0 +1,72 @@
+"""Which figures a closed-loop study gets: as the paper's 3 to 10."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.files import save_figure
+from scenarios.plots.innovations import figure_innovations
+from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
+from scenarios.plots.parameters import figure_parameter_histories
+from scenarios.plots.signals import Response, figure_fit, figure_record
+from scenarios.x29.study import LoopStudy, Result
+
+SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
+
+
+def draw_loop(study: LoopStudy, folder: Path) -> None:
+    """Draw a study's figures into ``folder`` as PNG files."""
+    result, title = study.result, study.scenario.title
+    estimate, record = result.estimate, result.setting.record
+    history = estimate.history
+    assert history is not None
+    save_figure(figure_record(result.flown.record, f"{title}\nrecord"), folder, "record")
+    noise = dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True)) if study.scenario.flight.noise else None
+    fit = figure_fit(record, [_response("low-order equivalent, free simulation", study.simulated)], None, f"{title}\nfree simulation", noise)
+    save_figure(fit, folder, "fit")
+    if study.other is not None and study.other_simulated is not None and study.scenario.against is not None:
+        label = study.scenario.against.label
+        other = figure_fit(study.other.setting.record, [_response("low-order equivalent, free simulation", study.other_simulated)], None, label, None)
+        save_figure(other, folder, "fit_other")
+        save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title), folder, "compared")
+    units = [record[name].unit for name in estimate.output_names]
+    save_figure(figure_innovations(history, estimate.output_names, units, title), folder, "innovations")
+    system = result.setting.system
+    items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
+    moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]
+    names = [item.name for item in moving]
+    save_figure(figure_states(history, names, [item.unit for item in moving], f"{title}\nstates of the filter"), folder, "states")
+    prior = {item.name: (item.value, item.prior_std) for item in constant}
+    names = [item.name for item in constant]
+    histories = figure_parameter_histories(history, names, [item.unit for item in constant], prior=prior, title=f"{title}\nparameters as states")
+    save_figure(histories, folder, "parameters")
+    save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+    bank = result.bank
+    curve = LikelihoodCurve(bank.delays, bank.log_likelihood, bank.most_likely, bank.weighted_mean, bank.refined, bank.refined_std)
+    save_figure(figure_delays(curve, title), folder, "delays")
+    if study.variants and study.scenario.peak is not None:
+        rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]
+        save_figure(figure_peaks(rows, "final peak of q, free simulation against measured (%)", title), folder, "variants")
+    elif study.variants:
+        stretch = study.scenario.stretch is not None
+        words = "rms of q in the stretch over σ" if stretch else "lag-1 correlation of pitch-rate innovations"
+        found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
+        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
+        save_figure(figure_peaks(rows, words, title), folder, "variants")
+
+
+def _response(label: str, outputs: np.ndarray) -> Response:
+    return Response(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
+
+
+def _bars(result: Result) -> dict[str, Bar]:
+    estimate = result.estimate
+    out = {n: Bar(estimate.value(n), estimate.sigma(n), estimate.units[estimate.names.index(n)]) for n in SHOWN if n in estimate.names}
+    for name in ("natural_frequency", "damping_ratio"):
+        quality = result.quality(name)
+        if quality is not None:
+            out[name] = Bar(quality.value, quality.std, quality.unit)
+    return out

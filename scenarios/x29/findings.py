@@ -1,0 +1,88 @@
+"""What a study of the closed loop says beyond its tables: bias of the model's order, what is not identifiable, margins, delays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ident.estimate import Estimate
+from scenarios.x29.study import LoopStudy
+
+LARGE = 0.9
+BEYOND = 2.0  # sigmas
+DISAGREE = 0.1  # of a frequency
+HALF_FRAME = 0.00625  # s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz samples
+PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase margin too"
+
+
+@dataclass(frozen=True)
+class BiasRow:
+    """An estimate that differs from the loop's own low-order equivalent by more than its sigma tells."""
+
+    name: str
+    estimate: float
+    equivalent: float
+    sigmas: float
+
+
+def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
+    """Differences beyond two sigmas. Sigmas are those of white innovations: the rest is the bias of a model of low order.
+    L_q is left out: the loop's equivalent holds it at a value."""
+    estimate, rows = study.result.estimate, []
+    for name, value, std in zip(estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+        equivalent = getattr(study.check.loop, name, None)
+        if equivalent is None or name == "L_q":
+            continue
+        expected = equivalent - HALF_FRAME if name == "delay" else equivalent
+        sigmas = (value - expected) / std
+        if abs(sigmas) > BEYOND:
+            rows.append(BiasRow(name, value, expected, sigmas))
+    return tuple(rows)
+
+
+def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
+    """Parameters smaller than two of their sigmas, or L_delta, whatever its size, each with its strongest correlation."""
+    out = []
+    for i, name in enumerate(estimate.names):
+        if name in ("L_0", "M_0", "delta_0", "nz_0"):
+            continue
+        small = abs(estimate.values[i]) < BEYOND * estimate.std[i]
+        if small or name == "L_delta":
+            row = estimate.correlation[i].copy()
+            row[i] = 0.0
+            j = int(abs(row).argmax())
+            out.append((name, estimate.names[j], float(row[j])))
+    return tuple(out)
+
+
+def sentences(study: LoopStudy) -> tuple[str, ...]:
+    """What the tables do not say by themselves."""
+    bank, out = study.result.bank, []
+    sure = f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
+    out.append(
+        f"delay: most likely of the bank {bank.most_likely:.3f} s, likelihood-weighted sum {bank.weighted_mean:.4f} s, "
+        f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds {100 * float(bank.weights.max()):.1f} % of the weight"
+    )
+    if study.result.flown.truth is not None:
+        rows = bias_rows(study)
+        listed = "; ".join(f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)" for r in rows)
+        if rows:
+            out.append(f"bias of a model of low order, beyond two sigmas of white innovations: {listed}")
+    for name, other, r in not_identifiable(study.result.estimate):
+        out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}; it holds the bias of the model's order")
+    record, own_frequency = study.check.record, study.result.quality("natural_frequency")
+    if record is not None and own_frequency is not None and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE:
+        out.append(
+            "the spectral estimate of this record does not give the filter's frequency: a spike, a window that begins in motion or a stick "
+            "that is not linear disturbs it; the loop's own response decides"
+        )
+    if len(study.margins) > 1:
+        (own, mine), (against, theirs) = study.margins.items()
+        word = "larger" if mine.phase > theirs.phase else "smaller"
+        out.append(
+            f"margins of the loop broken at the command: {own} {mine.gain_decrease:.1f}/{mine.gain_increase:+.1f} dB and {mine.phase:.1f} deg, "
+            f"{against} {theirs.gain_decrease:.1f}/{theirs.gain_increase:+.1f} dB and {theirs.phase:.1f} deg; {PAPER_PHASE}, "
+            f"here it is {word}" + ("" if word == "larger" else ": the flight-like airframe does not reproduce that")
+        )
+    if study.scenario.published:
+        out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
+    return tuple(out)

@@ -1,0 +1,209 @@
+"""Tables of a closed-loop scenario for the terminal: the paper's Tables 1 to 3 and what a flight-test engineer reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from ident.handling_qualities import Level
+from scenarios.printing import console, number, test_line
+from scenarios.tables import Column, print_paragraph, print_table
+from scenarios.x29.content import correlation_content
+from scenarios.x29.findings import LARGE, sentences
+from scenarios.x29.published import printed_column
+from scenarios.x29.study import LoopStudy
+
+PARAMETERS = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0", "delay")
+WORDS = {
+    "natural_frequency": "undamped natural frequency",
+    "damping_ratio": "damping ratio",
+    "delay": "equivalent delay, pure",
+    "total_delay": "equivalent delay with the lag",
+    "load_factor_slope": "n_z/alpha",
+    "control_anticipation": "control anticipation parameter",
+}
+
+
+def print_loop(study: LoopStudy, out: Console | None = None) -> None:
+    """Everything there is to read of a study, the estimate first."""
+    out = out or console()
+    scenario, record = study.scenario, study.result.setting.record
+    out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
+    window = f"{record.time[0]:g} to {record.time[-1]:g} s"
+    out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
+    for table in (_estimate, _states, _correlation, _qualities, _check, _differences, _together, _passes, _variants):
+        table(study, out)
+    out.print()
+    for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
+        if sentence:
+            print_paragraph(out, sentence, indent=0)
+
+
+def _estimate(study: LoopStudy, out: Console) -> None:
+    estimate, loop = study.result.estimate, study.check.loop
+    printed = printed_column(study.scenario.published[0]) if study.scenario.published else {}
+    names = [name for name in PARAMETERS if name in estimate.names]
+    columns = [
+        Column("parameter", names, left=True),
+        Column("unit", [estimate.units[estimate.names.index(name)] for name in names], left=True),
+        Column("estimate", [number(estimate.value(name), estimate.sigma(name)) for name in names]),
+        Column("+- sigma", [number(estimate.sigma(name), estimate.sigma(name)) for name in names]),
+        Column("loop equivalent", [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names]),
+        Column(
+            "plain bank", [number(study.plain.estimate.value(n), estimate.sigma(n)) if n != "delay" else f"{study.plain.delay:.3f}" for n in names]
+        ),
+    ]
+    further = []
+    if printed:
+        further = [
+            Column("published", [f"{printed[name].value:.5g}" if name in printed else "" for name in names]),
+            Column("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names]),
+        ]
+    out.print()
+    print_table(out, f"estimate, delay refined: {estimate.outcome.value}", columns, further)
+
+
+def _states(study: LoopStudy, out: Console) -> None:
+    history, system = study.result.estimate.history, study.result.setting.system
+    assert history is not None
+    noise, density = study.result.setting.noise_std, study.scenario.estimation.process_noise
+    items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
+    columns = [
+        Column("state", list(history.names), left=True),
+        Column("initial", [f"{item.value:.3e}" for item in items]),
+        Column("final", [f"{v:.3e}" for v in history.mean[:, -1]]),
+        Column("initial variance", [f"{item.prior_std**2:.3e}" for item in items]),
+        Column("final variance", [f"{v:.3e}" for v in history.std[:, -1] ** 2]),
+        Column("R", [f"{noise[n] ** 2:.3e}" if n in noise else "" for n in history.names]),
+        Column("Q", [f"{density.get(n, 0.0):.1e}" for n in history.names]),
+    ]
+    out.print()
+    print_table(out, f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)", columns)
+
+
+def _correlation(study: LoopStudy, out: Console) -> None:
+    content = correlation_content(study.result.estimate)
+    names, C = content["names"], np.array(content["matrix"])
+
+    def cell(i: int, j: int) -> str:
+        return f"{C[i, j]:+.2f}{'*' if i != j and abs(C[i, j]) > LARGE else ''}" if j <= i else ""
+
+    columns = [Column("", names, left=True)]
+    columns += [Column(name.replace("alpha", "al").replace("delta", "de"), [cell(i, j) for i in range(len(names))]) for j, name in enumerate(names)]
+    half = 8
+    out.print()
+    print_table(out, f"correlations after the last sample, * above {LARGE:g} in size", columns[:half], columns[half:])
+
+
+def _qualities(study: LoopStudy, out: Console) -> None:
+    found = study.result.qualities
+    columns = [
+        Column("quantity", [WORDS[q.name] for q in found], left=True),
+        Column("unit", [q.unit for q in found], left=True),
+        Column("value", [number(q.value, q.std) for q in found]),
+        Column("from", [number(q.value - 2 * q.std, q.std) for q in found]),
+        Column("to (2 sigma)", [number(q.value + 2 * q.std, q.std) for q in found]),
+    ]
+    out.print()
+    print_table(out, "flying qualities", columns)
+    for row in study.levels:
+        c = row.criterion
+        category = "" if c.category == "all" else f", category {c.category}"
+        print_paragraph(out, f"{WORDS[c.quantity]}{category}: level {_level(row)} ({c.source})")
+
+
+def _level(row: Level) -> str:
+    words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
+    return words[row.level] + (f" ({words[row.best]} to {words[row.worst]} within 2 sigma)" if row.uncertain else "")
+
+
+def _check(study: LoopStudy, out: Console) -> None:
+    loop, record, result = study.check.loop, study.check.record, study.result
+    names = ("natural_frequency", "damping_ratio", "delay")
+    own = {q.name: q for q in result.qualities}
+    columns = [
+        Column("quantity", [WORDS[n] for n in names], left=True),
+        Column("filter", [number(own[n].value, own[n].std) if n in own else "-" for n in names]),
+        Column("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
+        Column("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
+    ]
+    out.print()
+    print_table(out, "independent check by frequency response (0.35 to 14 rad/s)", columns)
+
+
+def _differences(study: LoopStudy, out: Console) -> None:
+    if study.differences is None or study.scenario.against is None:
+        return
+    rows = study.differences.differences
+    columns = [
+        Column("parameter", [d.name for d in rows], left=True),
+        Column("other", [number(d.first, d.first_std) for d in rows]),
+        Column("+- sigma", [number(d.first_std, d.first_std) for d in rows]),
+        Column("here", [number(d.second, d.second_std) for d in rows]),
+        Column("+- sigma", [number(d.second_std, d.second_std) for d in rows]),
+        Column("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
+        Column("", ["beyond" if d.beyond else "" for d in rows], left=True),
+    ]
+    out.print()
+    print_table(out, f"against {study.scenario.against.label}", columns)
+    words = ", ".join(f"{WORDS[name]} {z:+.2f}" for name, z in study.derived_differences)
+    print_paragraph(out, f"in the larger of both sigmas: {words}")
+
+
+def _together(study: LoopStudy, out: Console) -> None:
+    if not study.together:
+        return
+    names = PARAMETERS[:10]
+    columns = [Column("parameter", [*names, "delay"], left=True)]
+    columns += [
+        Column(key.removeprefix("x29-"), [*(f"{found.estimate.value(n):.4g}" for n in names), f"{found.delay:.3f}"])
+        for key, found in study.together.items()
+    ]
+    columns.append(Column("here, refined", [*(f"{study.result.estimate.value(n):.4g}" for n in names), f"{study.result.bank.refined:.3f}"]))
+    printed = [(key, printed_column(key)) for key in study.scenario.published]
+    further = [Column(f"published {key.replace('_', ' ')}", [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")]) for key, c in printed]
+    out.print()
+    print_table(out, "robustness: plain bank, most likely delay, side by side as the paper's Table 3", columns, further)
+
+
+def _passes(study: LoopStudy, out: Console) -> None:
+    if len(study.passes) < 2:
+        return
+    names = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
+    columns = [Column("pass", [str(i + 1) for i in range(len(study.passes))])]
+    columns += [Column(n, [number(each.value(n), each.sigma(n)) for each in study.passes]) for n in names]
+    out.print()
+    print_table(out, "refined filter started again from its own result", columns)
+
+
+def _variants(study: LoopStudy, out: Console) -> None:
+    if not study.variants:
+        return
+    rows = [("as declared, refined", study.result.bank.refined, study.misfit), *((v.label, v.delay, v.misfit) for v in study.variants)]
+    columns = [Column("flown or estimated", [row[0] for row in rows], left=True), Column("delay, s", [f"{row[1]:.4f}" for row in rows])]
+    if study.scenario.peak is not None:
+        columns.append(Column("final peak, %", [f"{row[2].peak_percent:+.1f}" for row in rows]))
+    if study.scenario.stretch is not None:
+        columns.append(Column("rms q, stretch", [f"{row[2].stretch:.2f}" for row in rows]))
+        columns.append(Column("elsewhere", [f"{row[2].elsewhere:.2f}" for row in rows]))
+    columns += [
+        Column("rms q", _cells([row[2].rms["q"] for row in rows])),
+        Column("lag 1", [f"{row[2].lag_one:+.2f}" for row in rows]),
+        Column("Ljung-Box", [f"{row[2].q_box:.0f}" for row in rows]),
+        Column("low share", _cells([row[2].low_share for row in rows])),
+        Column("size", _cells([row[2].ratio for row in rows])),
+    ]
+    out.print()
+    print_table(out, "the same with changes", columns)
+    print_paragraph(
+        out,
+        "rms q: free simulation against the measurement over the sensor's sigma; lag 1, Ljung-Box (25 lags, white: 25 +- 7), low share "
+        "(power below a fifth of the Nyquist frequency, white: 0.20) of the normalised pitch-rate innovations; size of all of them, 1 expected",
+    )
+
+
+def _cells(values: Sequence[float]) -> list[str]:
+    return [f"{value:.2f}" for value in values]

@@ -1,0 +1,207 @@
+"""The schema of closed-loop scenarios (pydantic), and the way from a checked file to a LoopScenario; imported only when one is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from scenarios.files.declarations import checked
+from scenarios.files.vehicles_schema import STRICT
+from scenarios.library import with_change
+from scenarios.schema import Quantity, positive, si
+from scenarios.x29.declaration import Against, LoopEstimation, LoopFlight, LoopScenario, Spike, StickPlan, Variant
+from sim.errors import DeclarationError
+from sim.vehicles.factory import LOES_DERIVATIVES
+
+Name = Annotated[str, Field(min_length=1)]
+_STATES = {"alpha": "rad", "q": "rad/s", "delta": "1"}
+
+
+class _Strict(BaseModel):
+    model_config = STRICT
+
+
+class _Stick(_Strict):
+    kind: Literal["3-2-1-1", "doublet", "levels", "hand-flown"]
+    amplitude: float = 1.0
+    unit: Quantity = 0.5
+    start: Quantity = 1.0
+    bandwidth: float = Field(default=10.0, gt=0)
+    pilot_seed: int = Field(default=1, ge=0)
+    times: list[float] = []
+    levels: list[float] = []
+
+
+class _Spike(_Strict):
+    time: Quantity
+    size: float
+
+
+class _Flight(_Strict):
+    airframe: Literal["P", "S", "F"]
+    duration: Quantity
+    stick: _Stick
+    noise: bool = True
+    dead_band: float | None = Field(default=None, ge=0)
+    curvature: float | None = Field(default=None, ge=0)
+    rate_limits: bool = True
+    low_order: bool = False
+    gust: float = Field(default=0.0, ge=0)
+    spike: _Spike | None = None
+
+
+class _Estimate(_Strict):
+    start: dict[str, Quantity] = {}
+    start_from: str = ""
+    noise_from: Literal["sensors", "envelope"]
+    noise_share: float = Field(default=1.0, gt=0)
+    process_noise: dict[str, Annotated[float, Field(ge=0)]]
+    initial_std: dict[str, Quantity] = {}
+    window_start: Quantity | None = None
+    window_stop: Quantity | None = None
+    restarts: int = Field(default=0, ge=0, le=30)
+
+
+class _Against(_Strict):
+    scenario: Name
+    label: Name
+    set: list[str] = []
+
+
+class _Variant(_Strict):
+    name: Name
+    label: Name
+    set: list[str] = []
+
+
+class _Scenario(_Strict):
+    schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
+    kind: Literal["x29"]
+    title: Name
+    about: str = ""
+    distance: Literal["model of lower order", "same equations, finer step"]
+    seed: int = Field(default=1, ge=0)
+    flight: _Flight
+    estimate: _Estimate
+    published: list[str] = []
+    against: _Against | None = None
+    together: list[str] = []
+    variants: list[_Variant] = []
+    stretch: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
+    peak: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
+    findings: str = ""
+
+
+def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> LoopScenario:
+    """A LoopScenario from the content of its file; ``where`` names the file in messages.
+
+    Raises
+    ------
+    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file and key.
+    """
+    content = checked(_Scenario, document, where)
+    against = content.against
+    return LoopScenario(
+        name,
+        content.title,
+        " ".join(content.about.split()),
+        content.distance,
+        _flight(content.flight, f"{where}, key flight"),
+        _estimation(content.estimate, f"{where}, key estimate"),
+        tuple(content.published),
+        None if against is None else Against(against.scenario, against.label, tuple(against.set)),
+        tuple(content.together),
+        tuple(_variant(v, document, where, f"variants[{i}]") for i, v in enumerate(content.variants, start=1)),
+        _span(content.stretch, f"{where}, key stretch"),
+        _span(content.peak, f"{where}, key peak"),
+        " ".join(content.findings.split()),
+        content.seed,
+    )
+
+
+def _variant(variant: _Variant, document: Mapping[str, Any], where: str, inside: str) -> Variant:
+    changed = {key: value for key, value in document.items() if key != "variants"}
+    place = f"{where}, {inside}"
+    for change in variant.set:
+        changed = with_change(changed, change)
+    content = checked(_Scenario, changed, place)
+    flight, estimation = _flight(content.flight, f"{place}, key flight"), _estimation(content.estimate, f"{place}, key estimate")
+    return Variant(variant.name, variant.label, flight, estimation)
+
+
+def _flight(flight: _Flight, where: str) -> LoopFlight:
+    stick = flight.stick
+    place = f"{where}.stick"
+    if stick.kind == "levels" and (not stick.times or len(stick.times) != len(stick.levels)):
+        what = f"{len(stick.times)} times and {len(stick.levels)} levels"
+        raise DeclarationError(what, where=place, remedy="give as many of one as of the other, at least one")
+    plan = StickPlan(
+        stick.kind,
+        stick.amplitude,
+        positive(si(stick.unit, "s", f"{place}.unit"), f"{place}.unit"),
+        si(stick.start, "s", f"{place}.start"),
+        stick.bandwidth,
+        stick.pilot_seed,
+        tuple(stick.times),
+        tuple(stick.levels),
+    )
+    spike = None if flight.spike is None else Spike(si(flight.spike.time, "s", f"{where}.spike.time"), flight.spike.size)
+    duration = positive(si(flight.duration, "s", f"{where}.duration"), f"{where}.duration")
+    if spike is not None and not 0.0 <= spike.time <= duration:
+        raise DeclarationError(f"{spike.time:g} s is not within the flight", where=f"{where}.spike.time", remedy=f"give 0 to {duration:g} s")
+    if flight.gust and not flight.low_order:
+        raise DeclarationError("a gust acts on the low-order truth only", where=f"{where}.gust", remedy="set low_order = true, or gust = 0")
+    return LoopFlight(
+        flight.airframe,
+        duration,
+        plan,
+        flight.noise,
+        flight.dead_band,
+        flight.curvature,
+        flight.rate_limits,
+        flight.low_order,
+        flight.gust,
+        spike,
+    )
+
+
+def _estimation(estimate: _Estimate, where: str) -> LoopEstimation:
+    if bool(estimate.start) == bool(estimate.start_from):
+        raise DeclarationError("one of start and start_from is due", where=where, remedy="give starting values, or the scenario they come from")
+    for name in estimate.start:
+        if name not in LOES_DERIVATIVES or name == "delay":
+            known = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
+            raise DeclarationError(f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {known}")
+    for table, content in (("process_noise", estimate.process_noise), ("initial_std", estimate.initial_std)):
+        for name in content:
+            if name not in _STATES:
+                raise DeclarationError(f"there is no state {name!r}", where=f"{where}.{table}", remedy=f"use {', '.join(_STATES)}")
+    missing = [name for name in LOES_DERIVATIVES if name != "delay" and name not in estimate.start]
+    if estimate.start and missing:
+        raise DeclarationError(f"no starting value of {', '.join(missing)}", where=f"{where}.start", remedy="give it")
+    initial = {
+        name: positive(si(value, _STATES[name], f"{where}.initial_std.{name}"), f"{where}.initial_std.{name}")
+        for name, value in estimate.initial_std.items()
+    }
+    return LoopEstimation(
+        {name: si(value, LOES_DERIVATIVES[name], f"{where}.start.{name}") for name, value in estimate.start.items()},
+        estimate.start_from,
+        estimate.noise_from,
+        estimate.noise_share,
+        dict(estimate.process_noise),
+        initial,
+        None if estimate.window_start is None else si(estimate.window_start, "s", f"{where}.window_start"),
+        None if estimate.window_stop is None else si(estimate.window_stop, "s", f"{where}.window_stop"),
+        estimate.restarts,
+    )
+
+
+def _span(pair: list[Quantity] | None, where: str) -> tuple[float, float] | None:
+    if pair is None:
+        return None
+    low, high = (si(value, "s", where) for value in pair)
+    if not low < high:
+        raise DeclarationError(f"{low:g} s to {high:g} s is no stretch", where=where, remedy="give an earlier and a later time")
+    return low, high

@@ -1,0 +1,249 @@
+"""Runs a closed-loop scenario: fly, bank of filters, refine, flying qualities, frequency-response check, comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.compare import Comparison, compare_estimates
+from ident.delay_bank import DelayBank
+from ident.estimate import Estimate
+from ident.frequency_response import estimate_response, fit_response
+from ident.handling_qualities import Level, Quality, levels, qualities
+from ident.residuals import ResidualTest, residual_tests
+from scenarios.library import load_document
+from scenarios.x29.declaration import LoopScenario, Variant
+from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, rough, set_up, started_again
+from scenarios.x29.flying import Flown, fly_loop, low_order_model
+from scenarios.x29.measures import Misfit, misfit
+from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
+from sim.closed_loop.linear import Margins, margins
+from sim.closed_loop.reader import load_x29
+from sim.errors import DeclarationError, RecordError
+from sim.model import Noise
+from sim.system import compile_model
+
+FREE_IN_RESPONSE = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "delay")
+DEPTH = 4  # scenarios that start from one another
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A refined estimate with what follows from it."""
+
+    scenario: LoopScenario
+    flown: Flown
+    setting: SetUp
+    bank: DelayBank
+    qualities: tuple[Quality, ...]
+
+    @property
+    def estimate(self) -> Estimate:
+        return self.bank.estimate
+
+    def quality(self, name: str) -> Quality | None:
+        """One of the flying qualities, None where it does not exist."""
+        return next((item for item in self.qualities if item.name == name), None)
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCheck:
+    """Delay and damping without a filter: of the loop's own frequency response and of the record's spectral estimate (None where
+    the record cannot give one)."""
+
+    loop: EquivalentSystem
+    record: Mapping[str, float] | None
+    coherence: float
+
+
+@dataclass(frozen=True, eq=False)
+class VariantResult:
+    """A variant's name, label, quick estimate, delay and misfit."""
+
+    name: str
+    label: str
+    estimate: Estimate
+    delay: float
+    misfit: Misfit
+
+
+@dataclass(frozen=True, eq=False)
+class LoopStudy:
+    """A closed-loop scenario that has been run.
+
+    ``plain`` is the paper's way, ``passes`` the refined estimates from restart to restart; ``other`` the result compared with;
+    ``together`` plain results of several scenarios by name; ``margins`` of each linear loop by airframe.
+    """
+
+    scenario: LoopScenario
+    seed: int
+    result: Result
+    plain: Plain
+    passes: tuple[Estimate, ...]
+    simulated: np.ndarray
+    misfit: Misfit
+    check: ResponseCheck
+    levels: tuple[Level, ...]
+    tests: tuple[ResidualTest, ...]
+    other: Result | None
+    other_simulated: np.ndarray | None
+    differences: Comparison | None
+    derived_differences: tuple[tuple[str, float], ...]
+    together: Mapping[str, Plain]
+    variants: tuple[VariantResult, ...]
+    margins: Mapping[str, Margins]
+
+
+def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
+    """A closed-loop scenario of the catalogue, or a user's by the path of its file, with changes as ``--set`` makes them.
+
+    Raises DeclarationError as ``load_document`` does, and for a scenario of another kind.
+    """
+    from scenarios.x29.schema import loop_scenario_of
+
+    document, short, where = load_document(name, changes)
+    if document.get("kind") != "x29":
+        raise DeclarationError(f"{short} does not fly the closed loop", where=where, remedy='name a scenario of kind "x29"')
+    return loop_scenario_of(document, short, where)
+
+
+def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
+    """Fly, estimate and compare; the same seed gives the same numbers. Scenarios that this one starts from or is compared with are
+    run with their own seed.
+
+    Raises
+    ------
+    FlightidError : the scenario declares something that cannot be flown or estimated.
+    """
+    chosen = scenario.seed if seed is None else seed
+    flown = fly_loop(scenario.flight, chosen)
+    setting = _setting(scenario, flown)
+    found = plain(setting)
+    first = result = _result(scenario, flown, setting)
+    passes = [result.estimate]
+    for _ in range(scenario.estimation.restarts):
+        again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
+        moved = again.estimate.values[: len(result.estimate.names)] - result.estimate.values[: len(again.estimate.names)]
+        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
+        result = again
+        passes.append(result.estimate)
+        if settled:
+            break
+    setting = result.setting
+    simulated = free_simulation(setting, result.estimate, result.bank.refined)
+    other, other_simulated, differences, derived = _against(scenario, result, first if chosen == scenario.seed else None)
+    estimate = result.estimate
+    z, valid = setting.record.output_array(estimate.output_names)
+    return LoopStudy(
+        scenario,
+        chosen,
+        result,
+        found,
+        tuple(passes),
+        simulated,
+        misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak),
+        response_check(result),
+        levels(result.qualities),
+        residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid),
+        other,
+        other_simulated,
+        differences,
+        derived,
+        {name: _plain_of(loop_scenario(name)) for name in scenario.together},
+        tuple(_variant(scenario, variant, chosen) for variant in scenario.variants),
+        {name: margins(load_x29(name)) for name in dict.fromkeys((scenario.flight.airframe, *(() if other is None else (other.flown.x29.name,))))},
+    )
+
+
+def sensor_noise(flown: Flown) -> np.ndarray:
+    """The telemetry's sigma of alpha, q and nz."""
+    t = flown.x29.telemetry
+    return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
+
+
+def response_check(result: Result) -> ResponseCheck:
+    """The low-order equivalent by frequency response, of the loop and of the record."""
+    x29 = result.flown.x29
+    loop = equivalent_system(x29)
+    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
+    try:
+        response = estimate_response(result.setting.record)
+    except RecordError:
+        return ResponseCheck(loop, None, 0.0)
+    start = {name: result.estimate.value(name) for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")}
+    system = compile_model(low_order_model(x29, {**start, "delay": result.bank.refined}).with_noise(Noise(std)))
+    fit = fit_response(response, system, FREE_IN_RESPONSE)
+    v = {**fit.values, "L_q": start["L_q"]}
+    stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
+    if not (fit.converged and stiffness > 0):
+        return ResponseCheck(loop, None, float(response.coherence.mean()))
+    frequency = float(np.sqrt(stiffness))
+    v |= {"natural_frequency": frequency, "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)}
+    return ResponseCheck(loop, v, float(response.coherence.mean()))
+
+
+def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
+    """Declared values, or those that the plain bank of another scenario found, as the paper handed them on."""
+    estimation = scenario.estimation
+    if estimation.start:
+        return estimation.start
+    if depth == DEPTH:
+        raise DeclarationError(
+            "scenarios start from one another in a circle", where=f"scenario {scenario.name}", remedy="declare start in one of them"
+        )
+    found = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
+    return {name: value for name, value in found.items() if name not in ("L_0", "M_0", "delta_0", "nz_0")}
+
+
+def _setting(scenario: LoopScenario, flown: Flown, depth: int = 0) -> SetUp:
+    return set_up(scenario.estimation, flown, starting_values(scenario, depth))
+
+
+def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
+    return plain(_setting(scenario, fly_loop(scenario.flight, scenario.seed), depth))
+
+
+def _result(scenario: LoopScenario, flown: Flown, setting: SetUp) -> Result:
+    bank = refined(setting)
+    airframe = flown.x29.airframe
+    found = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
+    return Result(scenario, flown, setting, bank, found)
+
+
+def _against(
+    scenario: LoopScenario, result: Result, first: Result | None
+) -> tuple[Result | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
+    """The other scenario's result, its free simulation, what differs, and differences of flying qualities in sigmas of one result."""
+    against = scenario.against
+    if against is None:
+        return None, None, None, ()
+    other_scenario = loop_scenario(against.scenario, against.changes)
+    same = (other_scenario.flight, other_scenario.seed) == (scenario.flight, scenario.seed)
+    if first is not None and same and other_scenario.estimation == replace(scenario.estimation, restarts=0):
+        other = first  # the first pass of a restarted study is that scenario's result
+    else:
+        flown = fly_loop(other_scenario.flight, other_scenario.seed)
+        other = _result(other_scenario, flown, _setting(other_scenario, flown))
+    derived = []
+    for item in result.qualities:
+        before = other.quality(item.name)
+        if before is not None:
+            # Results that share data are not independent: the larger sigma is the cautious measure of what a change matters.
+            derived.append((item.name, (item.value - before.value) / max(item.std, before.std, 1e-300)))
+    return (
+        other,
+        free_simulation(other.setting, other.estimate, other.bank.refined),
+        compare_estimates(other.estimate, result.estimate),
+        tuple(derived),
+    )
+
+
+def _variant(scenario: LoopScenario, variant: Variant, seed: int) -> VariantResult:
+    flown = fly_loop(variant.flight, seed)
+    setting = set_up(variant.estimation, flown, variant.estimation.start or starting_values(scenario))
+    estimate, delay = rough(setting)
+    simulated = free_simulation(setting, estimate, delay)
+    measured = misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak)
+    return VariantResult(variant.name, variant.label, estimate, delay, measured)

@@ -1,0 +1,152 @@
+"""Scenarios of the closed loop: their files, what a run shows and writes, and what the record's accidents may move."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.library import scenario_names, scenario_text
+from scenarios.x29.content import loop_comparison
+from scenarios.x29.files import write_loop
+from scenarios.x29.findings import not_identifiable, sentences
+from scenarios.x29.flying import fly_loop
+from scenarios.x29.published import printed_column
+from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
+from sim.closed_loop.equivalent import equivalent_system
+from sim.errors import DeclarationError
+from tests.integration.command_line import CommandLine
+
+NAMES = ("simulation", "flight", "time-shift", "convergence", "spike", "published", "breakout", "final-peak", "innovations")
+
+
+@cache
+def study(name: str) -> LoopStudy:
+    return run_loop(loop_scenario(name))
+
+
+def moved(name: str) -> dict[str, float]:
+    return dict(study(name).derived_differences)
+
+
+def test_the_catalogue_is_complete() -> None:
+    assert set(scenario_names("x29")) == {f"x29-{name}" for name in NAMES}
+
+
+@pytest.mark.parametrize("name", [f"x29-{name}" for name in NAMES])
+def test_files_load_fly_and_name_own_choices(name: str) -> None:
+    scenario = loop_scenario(name)
+    assert "[own]" in scenario_text(name)
+    assert scenario.title and scenario.about and scenario.findings
+    for column in scenario.published:
+        assert printed_column(column)["M_delta"].value > 0, "the paper's sign is turned"
+    record = fly_loop(scenario.flight, scenario.seed).record
+    assert record.output_names == ("alpha", "q", "nz")
+    for variant in scenario.variants:
+        assert (variant.flight, variant.estimation) != (scenario.flight, scenario.estimation)
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ("flight.airframe=X", "flight.airframe"),
+        ("flight.stick.amplitud=2", "did you mean 'amplitude'"),
+        ("flight.duration=-1", "not above 0"),
+        ("estimate.start.M_gamma=1", "M_gamma"),
+        ("estimate.process_noise.nz=1", "there is no state 'nz'"),
+        ("estimate.start_from=x29-flight", "one of start and start_from"),
+        ("flight.spike={time=40, size=1.0}", "not within the flight"),
+        ("flight.gust=1e-3", "low-order truth only"),
+    ],
+)
+def test_a_wrong_declaration_is_one_line(change: str, part: str) -> None:
+    with pytest.raises(DeclarationError, match=r"x29-simulation\.toml") as caught:
+        loop_scenario("x29-simulation", [change])
+    assert part in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_scenario_that_starts_from_itself_is_refused(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(scenario_text("x29-flight").replace('start_from = "x29-simulation"', f'start_from = "{own}"'), encoding="utf-8")
+    with pytest.raises(DeclarationError, match="circle"):
+        run_loop(loop_scenario(str(own), ["flight.duration=3"]))
+
+
+def test_the_spike_is_one_sample_of_the_recorded_stick_only() -> None:
+    with_spike, without = (fly_loop(loop_scenario(name).flight, 1).record for name in ("x29-spike", "x29-flight"))
+    assert np.count_nonzero(with_spike["stick"].values != without["stick"].values) == 1
+    np.testing.assert_array_equal(with_spike["q"].values, without["q"].values)
+
+
+def test_simulation_and_flight_agree_with_the_loops_own_equivalent() -> None:
+    flight = study("x29-flight")
+    assert flight.other is not None
+    loops = {"S": flight.other, "F": flight.result}
+    for result, share in zip(loops.values(), (0.10, 0.20), strict=True):
+        loop = equivalent_system(result.flown.x29)
+        for name in ("L_alpha", "M_alpha", "M_delta", "M_q"):
+            assert result.estimate.value(name) == pytest.approx(getattr(loop, name), rel=share), name
+        found = {q.name: q.value for q in result.qualities}
+        assert found["natural_frequency"] == pytest.approx(loop.natural_frequency, rel=0.05)
+        assert found["damping_ratio"] == pytest.approx(loop.damping_ratio, abs=0.05)
+        assert result.bank.refined == pytest.approx(loop.delay, abs=0.015)
+    assert flight.differences is not None
+    assert {"L_alpha", "M_alpha", "M_q", "delay"} <= {item.name for item in flight.differences.beyond}
+
+
+def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
+    flight = study("x29-flight")
+    said = " ".join(sentences(flight))
+    assert "does not reproduce" in said and "L_delta is not identifiable" in said and "sign turned" in said
+    assert "L_delta" in [name for name, _, _ in not_identifiable(flight.result.estimate)]
+    folder = write_loop(flight, tmp_path / "study", figures=False)
+    written = json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
+    assert written["schema"] == "flightid/comparison/1" and written["against"]["scenario"] == "x29-simulation"
+    assert {"natural_frequency", "damping_ratio", "delay"} <= set(written["derived"])
+    for row in written["parameters"].values():
+        assert row["std"] > 0 and "true" not in row
+    assert written["parameters"]["M_alpha"]["published"]["value"] == -8.95
+    assert written["margins"]["F"]["phase_deg"] == pytest.approx(33.1, abs=1.0)
+    assert all(row["source"] for row in written["levels"])
+    assert (folder / "history.csv").is_file() and (folder / "truth.json").is_file()
+    assert len([path for path in folder.rglob("comparison.json")]) == 1
+
+
+def test_innovations_are_those_of_the_noise_on_the_standard_flight() -> None:
+    assert abs(study("x29-flight").misfit.lag_one) < 0.1
+    assert loop_comparison(study("x29-flight"))["outcome"] == "converged"
+
+
+def test_simulate_writes_the_record(tmp_path: Path, flightid: CommandLine) -> None:
+    flightid.done("simulate", "x29-breakout", "--out", tmp_path / "r.csv", "--set", "flight.duration=4")
+    assert (tmp_path / "r.csv").read_text(encoding="utf-8").startswith("time")
+    assert "x29-breakout.toml" in flightid.refused("run", "x29-breakout", "--set", "flight.airfame=S")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["x29-time-shift", "x29-convergence", "x29-spike"])
+def test_accidents_move_frequency_and_damping_by_less_than_three_sigmas(name: str) -> None:
+    assert abs(moved(name)["natural_frequency"]) < 3.0
+    assert abs(moved(name)["damping_ratio"]) < 3.0
+
+
+@pytest.mark.slow
+def test_a_break_out_makes_the_model_miss_near_zero_stick() -> None:
+    found = study("x29-breakout")
+    none = next(v.misfit for v in found.variants if v.name == "none")
+    assert found.misfit.stretch > 1.5 * found.misfit.elsewhere
+    assert none.stretch < 0.1 * found.misfit.stretch
+
+
+@pytest.mark.slow
+def test_the_sticks_shaping_hides_part_of_the_final_peak_and_colours_innovations() -> None:
+    peak = {v.name: v.misfit.peak_percent for v in study("x29-final-peak").variants}
+    assert peak["curvature"] < -10 and peak["break-out"] < -10
+    assert all(abs(peak[name]) < 2 for name in ("linear", "rate-limit", "low-order"))
+    found = study("x29-innovations")
+    lag = {v.name: v.misfit.lag_one for v in found.variants}
+    assert found.misfit.lag_one > 0.3
+    assert abs(lag["linear"]) < 0.1 and abs(lag["low-order"]) < 0.1
