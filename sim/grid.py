@@ -45,7 +45,7 @@ class Grid:
 def make_grid(time: np.ndarray, max_step: float) -> Grid:
     """Grid for record times ``(N,)`` with sub-steps of at most ``max_step`` s."""
     gaps = np.diff(time)
-    usual = max(float(np.median(gaps)), max_step)
+    usual = float(np.median(gaps))
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * usual) - 1e-9)).astype(int)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     within = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)

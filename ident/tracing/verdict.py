@@ -154,13 +154,13 @@ def _ambiguous(search: Search, best: Node) -> bool:
 
 
 def _improved(search: Search, root: Node, best: Node, before: HeldOut, after: HeldOut) -> bool:
-    """Whether held-out data speak for the effects; True where there are none.
+    """Whether held-out data speak for the effects; True where there are none, not where they cannot be simulated.
 
     For deterministic effects the error of a free simulation, over all channels, which must not get worse by more than its
     scatter. With random motion a free simulation cannot improve: then one-step predictions, by their likelihood.
     """
     if before.frozen is None or after.frozen is None:
-        return before.frozen is None and after.frozen is None
+        return not search.beside and before.frozen is None and after.frozen is None
     if not is_forced(best.system):
         gain = before.frozen.cost - after.frozen.cost
         return gain > -float(np.sqrt(2.0 * len(after.frozen.theta)))
