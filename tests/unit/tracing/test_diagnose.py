@@ -1,0 +1,257 @@
+"""The whole loop on records as they come: gaps, missing channels, uneven sampling. Finite numbers everywhere, the same every time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ident.tracing.diagnosis import Diagnosis, Verdict
+from ident.tracing.loop import diagnose
+from sim.effect import Effect
+from sim.effects.library import guards_for
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.errors import FlightidError
+from sim.record import Channel, Record
+from sim.vehicles.short_period import ShortPeriod
+from tests.bases import Flight
+from tests.tracing_problem import OUTPUTS, SETTINGS, declared, doublets, planted, search_of, with_output, without_output
+
+LAG = {"sensor-lag:q.time_constant": 0.06}
+CANDIDATES: tuple[Effect, ...] = (SensorLag("q"), SensorScale("nz"))
+
+
+def run(records: Sequence[Record], validation: Sequence[Record] = (), candidates: Sequence[Effect] = CANDIDATES) -> Diagnosis:
+    return diagnose(records, declared(), candidates, (), validation, SETTINGS)
+
+
+def lagged(seed: int, flight: Flight | None = None) -> Record:
+    return planted([SensorLag("q")], LAG, seed, flight=flight)
+
+
+def gappy(record: Record, share: float, seed: int) -> Record:
+    rng = np.random.default_rng(seed)
+    for name in record.output_names:
+        record = with_output(record, name, np.where(rng.random(len(record)) < share, np.nan, record[name].values))
+    return record
+
+
+def uneven(seed: int) -> Flight:
+    """Sampling that wanders by a third of its interval, with a hole of half a second."""
+    even = doublets()
+    time = even.time + 0.006 * np.random.default_rng(seed).uniform(-1.0, 1.0, even.time.size)
+    kept = (time < 7.0) | (time > 7.5)
+    return Flight(time[kept], even.u[:, kept], max_step=0.02)
+
+
+def numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
+    """Every number in a result, with its place; records themselves left out."""
+    if isinstance(value, Record | str | bool | Enum) or value is None:
+        return
+    if isinstance(value, np.ndarray):
+        yield from ((path, float(v)) for v in value.ravel())
+    elif isinstance(value, int | float):
+        yield path, float(value)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from numbers(item, f"{path}[{key}]")
+    elif isinstance(value, Sequence):
+        for i, item in enumerate(value):
+            yield from numbers(item, f"{path}[{i}]")
+    else:
+        assert dataclasses.is_dataclass(value), f"{path} is a {type(value).__name__}"
+        for item in dataclasses.fields(value):
+            yield from numbers(getattr(value, item.name), f"{path}.{item.name}")
+
+
+def check(diagnosis: Diagnosis, records: Sequence[Record], predicted: Sequence[Record], channels: Sequence[str]) -> None:
+    """What holds for every diagnosis."""
+    found = list(numbers(diagnosis, "diagnosis"))
+    assert len(found) > 1000
+    assert [path for path, value in found if not np.isfinite(value)] == []
+    quantities = [*diagnosis.before.values(), *diagnosis.after.values(), *diagnosis.derived_after.values()]
+    assert all(quantity.std > 0 for quantity in quantities)
+    derivatives = {item.name for item in declared().parameters if item.free and not item.name.startswith("bias_")}
+    assert set(diagnosis.before) == set(diagnosis.after) == derivatives
+    assert all(0.0 <= candidate.p_value <= 1.0 for candidate in diagnosis.candidates)
+    assert all(0.0 <= test.p_value <= 1.0 for test in (*diagnosis.tests_before, *diagnosis.tests_after))
+    for figures in (diagnosis.error_before, diagnosis.error_after):
+        for each in (figures.rmse, figures.nrmse, figures.r2, figures.theil):
+            assert set(each) == set(channels)
+    assert len(diagnosis.predictions) == len(predicted)
+    for prediction, record in zip(diagnosis.predictions, predicted, strict=True):
+        assert prediction.record is record and prediction.channels == tuple(channels)
+        assert prediction.before.shape == prediction.after.shape == (len(channels), len(record))
+    for fit, record in zip(diagnosis.fitted, records, strict=True):
+        np.testing.assert_array_equal(fit.record.time, record.time)
+        assert fit.before.shape == fit.after.shape == fit.used.shape == (len(fit.channels), len(record))
+
+
+def traces_the_lag(diagnosis: Diagnosis) -> None:
+    assert diagnosis.verdict is Verdict.TRACED, diagnosis.warnings
+    (claim,) = diagnosis.effects
+    constant = claim.parameters["time_constant"]
+    assert claim.name == "sensor-lag:q" and claim.claimed
+    assert abs(constant.value - 0.06) < 4.0 * constant.std < 0.03
+    assert diagnosis.error_after.rmse["q"] < diagnosis.error_before.rmse["q"]
+
+
+@pytest.fixture(scope="module")
+def usual() -> tuple[list[Record], list[Record], Diagnosis]:
+    records, validation = [lagged(1)], [lagged(2)]
+    return records, validation, run(records, validation)
+
+
+def test_an_effect_is_traced_and_the_errors_are_those_of_held_out_data(usual: tuple[list[Record], list[Record], Diagnosis]) -> None:
+    records, validation, diagnosis = usual
+    check(diagnosis, records, validation, OUTPUTS)
+    traces_the_lag(diagnosis)
+    assert diagnosis.held_out
+    assert diagnosis.error_after.rmse["q"] == pytest.approx(0.002, rel=0.15)
+    assert diagnosis.noise_floor["q"] == pytest.approx(0.002, rel=0.15)
+    assert any("held out" in test.channel for test in diagnosis.tests_after)
+    changes = {c.name: c.held_out_change for c in diagnosis.candidates if c.within == () and c.held_out_change is not None}
+    assert changes["sensor-lag:q"] < -0.02
+
+
+def test_two_runs_are_equal_to_the_last_bit(usual: tuple[list[Record], list[Record], Diagnosis]) -> None:
+    records, validation, first = usual
+    second = run(records, validation)
+    without = [[(p, v) for p, v in numbers(d, "") if not p.startswith(".seconds")] for d in (first, second)]
+    assert without[0] == without[1]
+    assert first.steps == second.steps and first.candidates == second.candidates and first.warnings == second.warnings
+
+
+def test_without_validation_the_errors_are_those_of_the_fit() -> None:
+    records = [lagged(1)]
+    diagnosis = run(records)
+    check(diagnosis, records, records, OUTPUTS)
+    traces_the_lag(diagnosis)
+    assert not diagnosis.held_out
+    assert not any("held out" in test.channel for test in diagnosis.tests_after)
+    assert all(candidate.held_out_change is None for candidate in diagnosis.candidates)
+
+
+def test_a_clean_record_is_consistent() -> None:
+    records, validation = [planted(seed=3)], [planted(seed=4)]
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, OUTPUTS)
+    assert diagnosis.verdict is Verdict.CONSISTENT and diagnosis.effects == ()
+    for name, quantity in diagnosis.before.items():
+        assert diagnosis.after[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std)
+
+
+def test_a_validation_record_may_lack_a_channel() -> None:
+    records, validation = [lagged(1)], [without_output(lagged(2), "nz")]
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, ("alpha", "q"))
+    traces_the_lag(diagnosis)
+
+
+def test_a_record_may_lack_nz() -> None:
+    """Then nz is not predicted either, although the validation record has it."""
+    records, validation = [without_output(lagged(1), "nz")], [lagged(2)]
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, ("alpha", "q"))
+    assert diagnosis.fitted[0].channels == ("alpha", "q")
+
+
+def test_one_of_two_records_may_lack_nz() -> None:
+    records, validation = [lagged(1), without_output(lagged(5), "nz")], [lagged(2)]
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, OUTPUTS)
+    traces_the_lag(diagnosis)
+
+
+def test_a_tenth_of_the_samples_may_be_missing() -> None:
+    records, validation = [gappy(lagged(1), 0.1, 1)], [gappy(lagged(2), 0.1, 2)]
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, OUTPUTS)
+    traces_the_lag(diagnosis)
+    assert not np.any(diagnosis.fitted[0].used & ~records[0].output_array(OUTPUTS)[1])
+
+
+def test_sampling_may_be_uneven() -> None:
+    records, validation = [lagged(1, uneven(1))], [lagged(2, uneven(2))]
+    assert np.ptp(np.diff(records[0].time)) > 0.4
+    diagnosis = run(records, validation)
+    check(diagnosis, records, validation, OUTPUTS)
+    traces_the_lag(diagnosis)
+
+
+def test_spikes_are_claimed_where_they_were_planted_and_spoil_nothing() -> None:
+    record = lagged(1)
+    values = record["q"].values.copy()
+    values[[77, 301, 402]] += np.array([0.1, -0.08, 0.12])
+    spiky = with_output(record, "q", values)
+    validation = [lagged(2)]
+    diagnosis = run([spiky], validation)
+    check(diagnosis, [spiky], validation, OUTPUTS)
+    assert diagnosis.verdict is Verdict.TRACED
+    claims = {claim.name: claim for claim in diagnosis.effects}
+    assert set(claims) == {"sensor-lag:q", "sensor-spikes:q"}
+    assert claims["sensor-spikes:q"].parameters["count"].value == 3
+    assert claims["sensor-spikes:q"].parameters["size"].value == pytest.approx(np.sqrt(np.mean(np.square([0.1, 0.08, 0.12]))), rel=0.05)
+    assert np.flatnonzero(~diagnosis.fitted[0].used[1]).tolist() == [77, 301, 402]
+
+
+def test_spikes_of_the_recorded_input_are_mended() -> None:
+    record = planted(seed=3)
+    elevator = record["elevator"].values.copy()
+    elevator[[160, 333]] += np.array([0.2, -0.3])
+    spiky = dataclasses.replace(record, inputs=(Channel.of("elevator", "rad", elevator),))
+    validation = [planted(seed=4)]
+    diagnosis = run([spiky], validation)
+    check(diagnosis, [spiky], validation, OUTPUTS)
+    assert [claim.name for claim in diagnosis.effects] == ["sensor-spikes:elevator"]
+    assert diagnosis.effects[0].parameters["count"].value == 2
+    # The fitted record holds the input as it was before it was spoilt.
+    np.testing.assert_allclose(diagnosis.fitted[0].record["elevator"].values, record["elevator"].values, atol=1e-12)
+    assert diagnosis.verdict is Verdict.TRACED
+
+
+def test_a_guard_is_never_claimed() -> None:
+    """The truth is a guard's term, which the library does not name."""
+    guard = next(guard for guard in guards_for(ShortPeriod()) if guard.name == "guard:alpha-q")
+    values = {"guard:alpha-q.lift": 0.0, "guard:alpha-q.moment": 400.0}
+    records, validation = [planted([guard], values, 1)], [planted([guard], values, 2)]
+    diagnosis = diagnose(records, declared(), CANDIDATES, (guard,), validation, SETTINGS)
+    check(diagnosis, records, validation, OUTPUTS)
+    assert diagnosis.verdict is Verdict.UNEXPLAINED
+    assert not any(claim.claimed for claim in diagnosis.effects)
+    assert any("guard:alpha-q" in warning for warning in diagnosis.warnings)
+
+
+def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() -> None:
+    bad = lagged(2)
+    bad = dataclasses.replace(bad, inputs=(Channel.of("elevator", "rad", 1e300 * bad["elevator"].values),))
+    records = [lagged(1)]
+    diagnosis = run(records, [bad])
+    check(diagnosis, records, [bad], OUTPUTS)
+    assert diagnosis.verdict is Verdict.UNEXPLAINED
+    # What was measured is predicted by its mean: the spread is the error.
+    assert diagnosis.error_after.nrmse == {name: pytest.approx(1.0) for name in OUTPUTS}
+
+
+def test_progress_is_told_from_nothing_to_all() -> None:
+    told: list[float] = []
+    diagnose([lagged(1)], declared(), CANDIDATES, (), [], SETTINGS, lambda text, share: told.append(share))
+    assert told[0] == 0.0 and len(told) >= 3
+    assert told == sorted(told) and told[-1] <= 1.0
+
+
+def test_a_record_without_any_output_is_refused() -> None:
+    record = planted()
+    other = Record(record.time, record.inputs, (Channel.of("theta", "rad", np.zeros(len(record))),), record.hold, "nothing.csv")
+    with pytest.raises(FlightidError, match=r"nothing\.csv"):
+        run([lagged(1), other])
+
+
+def test_masks_of_a_search_begin_with_what_was_measured() -> None:
+    record = gappy(lagged(1), 0.1, 1)
+    np.testing.assert_array_equal(search_of([record]).masks[0], record.output_array(OUTPUTS)[1])
