@@ -111,7 +111,7 @@ def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 def _isolated(large: np.ndarray) -> np.ndarray:
     """Large samples without a large neighbour within two samples: outliers in runs are no spikes."""
-    count = np.convolve(large, np.ones(5), mode="same")
+    count = np.convolve(np.pad(large, 2), np.ones(5), mode="valid")
     return large & (count < 1.5)
 
 
