@@ -238,6 +238,14 @@ def test_a_validation_record_that_nothing_can_simulate_gives_finite_numbers() ->
     assert diagnosis.error_after.nrmse == {name: pytest.approx(1.0) for name in OUTPUTS}
 
 
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_validation_record_may_be_very_short(count: int) -> None:
+    records, whole = [lagged(1)], lagged(2)
+    inputs, outputs = (tuple(Channel.of(c.name, c.unit, c.values[:count]) for c in group) for group in (whole.inputs, whole.outputs))
+    validation = [Record(whole.time[:count], inputs, outputs, whole.hold)]
+    check(run(records, validation), records, validation, OUTPUTS)
+
+
 def test_progress_is_told_from_nothing_to_all() -> None:
     told: list[float] = []
     diagnose([lagged(1)], declared(), CANDIDATES, (), [], SETTINGS, lambda text, share: told.append(share))

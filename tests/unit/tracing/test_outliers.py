@@ -149,6 +149,15 @@ def test_a_channel_without_noise_has_no_spikes() -> None:
     assert np.all(provisional_mask(np.zeros((1, 50)), np.ones((1, 50), dtype=bool), np.zeros(50, dtype=bool)))
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 8])
+def test_a_record_may_be_shorter_than_what_a_spike_is_compared_with(count: int) -> None:
+    values = np.full(count, SIGMA) * (-1.0) ** np.arange(count)
+    values[0] = 1.0
+    aside, claimed, _ = final(values)
+    assert aside == claimed and aside in ([], [0])
+    assert provisional_mask(values[None], np.ones((1, count), dtype=bool), np.zeros(count, dtype=bool)).shape == (1, count)
+
+
 def test_neighbours_of_too_short_a_series_say_nothing() -> None:
     assert not np.any(from_neighbours(np.arange(6.0) ** 3, np.ones(6, dtype=bool)))
 
