@@ -33,6 +33,13 @@ def alternative_outputs(
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
+    with np.errstate(all="ignore"):  # an alternative may run away; its signature is then not finite, and dropped
+        return _alternative_outputs(problem, p, states, alternatives, known)
+
+
+def _alternative_outputs(
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int
+) -> tuple[np.ndarray, np.ndarray]:
     n_x, a = len(states), alternatives.shape[1]
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
     few: list[Any] = p.tolist()
