@@ -1,0 +1,127 @@
+"""Tracing scenarios: laws for every one of them, the files of one that is run, and how a diagnosis is scored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.library import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
+from scenarios.tracing.declaration import Expectation, TraceScenario
+from scenarios.tracing.flights import fly_trace, write_flown
+from scenarios.tracing.hiding import OWN, own_terms
+from scenarios.tracing.schema import trace_scenario_of
+from scenarios.tracing.study import Grade, grade, run_trace
+from sim.effects.library import effect_names
+from sim.errors import DeclarationError
+from tests.diagnoses import tracing_of
+
+NAMES = scenario_names("trace")
+EXPECTED = {"elastic", "breakout", "density", "drag", "delay", "vane", "turbulence", "pair", "other-form", "outside", "nothing", "flexible"}
+
+
+def scenario(name: str, *changes: str) -> TraceScenario:
+    return trace_scenario_of(*load_document(name, changes))
+
+
+def test_the_kinds_of_the_catalogue() -> None:
+    assert {f"trace-{name}" for name in EXPECTED} <= set(NAMES)
+    assert set(scenario_names("identification")).isdisjoint(NAMES)
+    assert all(scenario_kind(name) == "trace" for name in NAMES)
+    with pytest.raises(DeclarationError, match="kind 'trace'"):
+        load_scenario("trace-nothing")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_declares_what_is_hidden_and_what_should_be_found(name: str) -> None:
+    declared = scenario(name)
+    assert declared.title and declared.about and "[own]" in scenario_text(name)
+    library = {each.partition(":")[0] for each in effect_names()}
+    own = {term.name for term in declared.flight.hidden if term.name.startswith(OWN)}
+    assert own <= set(own_terms())
+    assert bool(own) == (declared.distance in ("effect of another form missing", "nothing in the library fits"))
+    for names in declared.expect.effects:
+        assert {each.partition(":")[0] for each in names} <= library
+    assert ("unexplained" in declared.expect.verdicts) == (declared.distance == "nothing in the library fits")
+    assert declared.flight.train.maneuvers != declared.flight.validate.maneuvers or declared.model == "ballistic"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
+    whole = scenario(name)
+    first, second = (replace(plan, duration=2.0) for plan in (whole.flight.train, whole.flight.validate))
+    flown = fly_trace(replace(whole, flight=replace(whole.flight, step=0.01, train=first, validate=second)), 1)
+    train, validate, vehicle = write_flown(flown, tmp_path)
+    header = train.read_text().splitlines()[0].split(",")
+    assert set(header) <= {"time", "elevator", "stick", "alpha", "q", "nz", "altitude"}
+    assert not np.array_equal(flown.train.output_array()[0], flown.validate.output_array()[0])
+    text = vehicle.read_text()
+    for key, value in flown.derivatives.items():
+        assert f"{key} = {value!r}\n" not in text, "the file starts at the truth"
+    assert validate.is_file()
+
+
+def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
+    from scenarios.tracing.files import write_trace
+    from scenarios.tracing.text import trace_text
+
+    study = run_trace(scenario("trace-nothing"))
+    assert study.grade is Grade.RIGHT
+    write_trace(study, tmp_path / "study", figures=False)
+    content = json.loads((tmp_path / "study" / "comparison.json").read_text())
+    assert content["schema"] == "flightid/comparison/1"
+    assert set(content["parameters"]) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}
+    for entry in content["parameters"].values():
+        assert entry["std"] > 0
+        assert abs(entry["estimate"] - entry["true"]) < 5.0 * entry["std"]
+    assert set(content["methods"]) == {"declared-model"}
+    assert json.loads((tmp_path / "study" / "truth.json").read_text())["effects"] == []
+    assert json.loads((tmp_path / "study" / "diagnosis.json").read_text())["verdict"] == "consistent"
+    for name in ("train.csv", "validate.csv", "vehicle.toml", "validate_prediction.csv"):
+        assert (tmp_path / "study" / name).is_file()
+    text = trace_text(study)
+    assert "nothing was hidden" in text and "the diagnosis is right" in text
+
+
+def graded(verdict: Verdict, claims: tuple[Claim, ...], expect: Expectation) -> Grade:
+    made = tracing_of(verdict)
+    return grade(expect, replace(made, diagnosis=replace(made.diagnosis, effects=claims)))
+
+
+def test_grades() -> None:
+    expect = Expectation(("traced",), (("input-delay",),))
+    delay, lag = Claim("input-delay", {}), Claim("actuator-lag", {}, ("input-delay",))
+    assert graded(Verdict.TRACED, (delay,), expect) is Grade.RIGHT
+    assert graded(Verdict.AMBIGUOUS, (lag,), expect) is Grade.AMBIGUOUS
+    assert graded(Verdict.TRACED, (Claim("vane-offset", {}),), expect) is Grade.WRONG
+    assert graded(Verdict.TRACED, (delay, Claim("vane-offset", {})), expect) is Grade.WRONG
+    assert graded(Verdict.CONSISTENT, (), expect) is Grade.WRONG
+    assert graded(Verdict.UNEXPLAINED, (Claim("input-delay", {}, claimed=False),), expect) is Grade.UNDECIDED
+    assert graded(Verdict.UNEXPLAINED, (), Expectation(("unexplained",))) is Grade.RIGHT
+    assert graded(Verdict.CONSISTENT, (), Expectation(("consistent",))) is Grade.RIGHT
+    assert graded(Verdict.TRACED, (delay,), Expectation(("consistent",))) is Grade.WRONG
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("hidden.1.name=input-dely", "did you mean"),
+        ("hidden.1.values.width=3", "has no width"),
+        ("flight.vehicle=bomber", "no vehicle"),
+        ("estimate.start.beta=3", "there is no beta"),
+        ("expect.verdicts=[]", "nothing in it"),
+    ],
+)
+def test_wrong_declarations_are_told(change: str, told: str) -> None:
+    with pytest.raises(DeclarationError, match=told):
+        fly_trace(scenario("trace-delay", change), 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_the_loop_finds_what_is_hidden(name: str) -> None:
+    assert run_trace(scenario(name)).grade in (Grade.RIGHT, Grade.AMBIGUOUS)

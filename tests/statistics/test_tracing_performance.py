@@ -1,0 +1,27 @@
+"""False alarms on clean records and detection of weak effects by the tracing loop, with confidence intervals."""
+
+from __future__ import annotations
+
+import pytest
+
+from scenarios.tracing_campaigns import SETTINGS, WEAK, Finding, clean_run, interval, weak_run
+
+RUNS = 200  # clean records over all settings
+WEAK_RUNS = 12  # of each effect
+
+
+@pytest.mark.slow
+def test_false_claims_on_clean_records_are_rare() -> None:
+    alarms = [clean_run(SETTINGS[seed % len(SETTINGS)], seed) for seed in range(RUNS)]
+    claims = [alarm for alarm in alarms if alarm.claimed]
+    assert len(claims) <= 0.05 * RUNS, claims
+    assert interval(len(claims), RUNS)[0] < 0.05
+
+
+@pytest.mark.slow
+def test_effects_of_gain_25_are_detected_and_named() -> None:
+    found = [weak_run(SETTINGS[0], effect, 25.0, seed) for effect in WEAK for seed in range(WEAK_RUNS)]
+    seen = [detection for detection in found if detection.finding is not Finding.MISSED]
+    named = [detection for detection in found if detection.finding in (Finding.RIGHT, Finding.AMBIGUOUS)]
+    assert interval(len(seen), len(found))[1] >= 0.95
+    assert interval(len(named), len(found))[1] >= 0.80
