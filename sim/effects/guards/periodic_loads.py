@@ -1,0 +1,82 @@
+"""Loads that swing at one frequency, whatever the aircraft does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import cos
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
+FASTEST = 60.0  # rad/s
+
+
+@dataclass(frozen=True)
+class PeriodicLoads:
+    """lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment alike, w the ``frequency`` in rad/s.
+
+    A rotor, a limit cycle of the control system, somebody who pumps the stick: forcing that does not depend on the state.
+
+    Attributes
+    ----------
+    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    """
+
+    units: tuple[str, str]
+    sizes: tuple[float, float]
+    needs_constants: tuple[str, ...]
+
+    name: ClassVar[str] = "guard:periodic-loads"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType(dict.fromkeys(("lift_cos", "lift_sin", "moment_cos", "moment_sin"), 0.0))
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = (
+        "A generic term: lift and moment swing at one frequency all through the record, moment = moment_cos cos(w t) + moment_sin sin(w t) and lift "
+        "alike, whatever the control and the aircraft do. No cause of the library does that. Where it explains a record better than every effect "
+        "does, the cause is none of them."
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        lift, moment = self.sizes
+        return (
+            Parameter("frequency", 6.0, "rad/s", bounds=(0.2, 400.0)),
+            Parameter("lift_cos", lift, self.units[0]),
+            Parameter("lift_sin", lift, self.units[0]),
+            Parameter("moment_cos", moment, self.units[1]),
+            Parameter("moment_sin", moment, self.units[1]),
+        )
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        phase = p.frequency * s.time
+        even, odd = cos(phase), cos(phase - 0.5 * math.pi)
+        return {"lift": p.lift_cos * even + p.lift_sin * odd, "moment": p.moment_cos * even + p.moment_sin * odd}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
+        slowest, fastest = max(1.0, 6.0 * math.pi / max(occasion.duration, 1.0)), min(0.5 * math.pi / occasion.interval, FASTEST)
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
+        peaks = [frequency for frequency in occasion.residual_peaks if slowest <= frequency <= fastest]
+        return tuple(Probe({"frequency": frequency, **self.absent}, tuple(self.absent)) for frequency in (*peaks, *grid))
+
+
+GUARDS: tuple[Effect, ...] = (
+    PeriodicLoads(("1", "1"), (0.01, 0.01), ("Cm_de",)),
+    PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
+)
