@@ -93,12 +93,11 @@ def run_delay_bank(
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Likelihoods normalised to a sum of one, without overflow; equal where no filter is sound."""
-    top = np.max(log_likelihood)
-    if not np.isfinite(top):
-        return np.full(log_likelihood.shape, 1.0 / log_likelihood.size)
-    weights = np.exp(log_likelihood - top)
-    return np.asarray(weights / weights.sum())
+    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow; equal where no filter is sound."""
+    top = np.max(log_likelihood, axis=-1, keepdims=True)
+    known = np.isfinite(top)
+    weights = np.exp(np.where(known, log_likelihood - np.where(known, top, 0.0), 0.0))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 
 def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

@@ -21,7 +21,8 @@ class Transition(Protocol):
 
     ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the first r are zero: it prepares
     what stays the same, and returns a function of F and the step that gives the first r rows of ``Phi - I`` and of ``Q_k``,
-    of the latter only the first r columns where those beyond are zero, None without noise. Below them Phi is the identity and Q_k is diag(density) dt.
+    of the latter only the first r columns where those beyond are zero, None without noise. Below them Phi is the identity
+    and Q_k is diag(density) dt.
     """
 
     def __call__(self, F: np.ndarray, density: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]: ...
