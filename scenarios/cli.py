@@ -71,7 +71,7 @@ def simulate(
 @app.command()
 def identify(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
-    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid or flexible.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")],
     vehicle: Annotated[Path, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")],
     channels: Channels = None,
     start: From = None,
@@ -108,6 +108,28 @@ def diagnose(
     from scenarios.commands.diagnose import diagnose_records
 
     diagnose_records(records, model, vehicle, validate or [], effects, channels, start, stop, out, figures)
+
+
+@app.command()
+def watch(
+    record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", help="loes.")],
+    vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
+    ] = None,
+    channels: Channels = None,
+    out: Out = None,
+    idle: Annotated[
+        float | None, typer.Option("--idle", min=0.0, metavar="S", help="End after so many seconds without a row; a file: 5, a pipe: never.")
+    ] = None,
+    until_end: Annotated[bool, typer.Option("--until-end", help="Do not wait for the file to grow.")] = False,
+    refine: Annotated[bool, typer.Option(help="Refine the estimate over all rows when the stream has ended.")] = True,
+) -> None:
+    """Identification of a stream: rows as they arrive, estimates against a reference."""
+    from scenarios.commands.watch import watch_stream
+
+    watch_stream(record, model, vehicle, reference, channels, out, idle, until_end, refine)
 
 
 @app.command()

@@ -59,6 +59,12 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     _refuse_beyond_measure(record)
+    if vehicle.model == "loes" and method == "ekf":
+        from scenarios.loes_identifying import identify_loes
+
+        return identify_loes(record, vehicle)
+    if vehicle.model == "loes" and method == "ukf":
+        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
     model = model_of_file(vehicle)
     outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
     biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
@@ -97,6 +103,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
     derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
+    if vehicle.model == "loes" and "delay" in estimate.names:
+        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
     return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests)
 

@@ -11,7 +11,7 @@ from scenarios.identifying import METHODS, Identification, identify
 from sim.errors import DeclarationError, FlightidError
 
 SCHEMA = "flightid/comparison/1"
-MODELS = ("ballistic", "rigid", "flexible")
+MODELS = ("ballistic", "rigid", "flexible", "loes")
 
 
 def identify_record(

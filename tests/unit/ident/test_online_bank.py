@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def states_of(bank: OnlineBank, rows: Rows, cuts: list[int] | None = None) -> li
     """The states after all rows, which come in groups that begin at the cuts."""
     states = [begin(bank, Rows(*(part[..., :1] for part in rows)))]
     edges = [1, *(cuts or []), len(rows.time)]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         states += advance(bank, states[-1], Rows(*(part[..., first:last] for part in rows)))
     return states
 

@@ -1,0 +1,191 @@
+"""From lines to rows in SI units and in the order of time, with whatever cannot be used left out and counted."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
+from scenarios.files.columns import Column, column_place, find_column, missing_column
+from scenarios.files.tables import MISSING, one_line
+from scenarios.files.units import to_si
+from sim.errors import RecordError
+
+INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
+LOST = 600.0  # s: after a gap this long nothing of the motion before is known
+
+
+@dataclass(frozen=True)
+class Header:
+    """The channels' columns in the order time, stick, alpha, q, nz (None where an output is absent), and the number of cells in a row."""
+
+    columns: tuple[Column | None, ...]
+    width: int
+    name: str
+
+    @property
+    def stick_unit(self) -> str:
+        """The stick's label."""
+        column = self.columns[1]
+        assert column is not None
+        return column.unit
+
+
+class Fault(NamedTuple):
+    """A line that was left out, or a cell that was mended: the row as the user counts it (the header is row 1), and what is wrong."""
+
+    row: int
+    what: str
+    left_out: bool = True
+
+
+class Order(NamedTuple):
+    """How far the stream has come: time (s) and stick of the last row, and a row that waits to be borne out by the next.
+
+    ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after it.
+    """
+
+    time: float = -math.inf
+    stick: float = math.nan
+    waiting: np.ndarray | None = None
+    waiting_row: int = 0
+    lost: float | None = None
+
+
+def read_header(line: bytes, name: str, choices: Mapping[str, ColumnChoice] | None = None, units: Mapping[str, str] | None = None) -> Header:
+    """The header of a stream, by the rules for records.
+
+    Raises
+    ------
+    RecordError : not UTF-8, not separated by commas, no time or stick, none of the outputs, or as for ``find_column``.
+    """
+    try:
+        cells = [one_line(cell) for cell in next(csv.reader([line.decode("utf-8-sig")]), [])]
+    except UnicodeDecodeError:
+        raise RecordError("not UTF-8 text", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
+    except csv.Error as error:
+        raise RecordError(f"not comma-separated text ({error})", where=f"{name}, row 1", remedy="stream comma-separated text in UTF-8") from None
+    if len(cells) == 1 and any(mark in cells[0] for mark in ";\t"):
+        raise RecordError("the columns are not separated by commas", where=f"{name}, row 1", remedy="put commas between the columns")
+    columns = tuple(find_column(channel, cells, name, choices, units) for channel in (TIME, *INPUTS, *OUTPUTS))
+    for channel, column in zip((TIME, *INPUTS), columns, strict=False):
+        if column is None:
+            raise missing_column(channel, cells, name)
+    if not any(columns[1 + len(INPUTS) :]):
+        raise missing_column(OUTPUTS[0], cells, name)
+    return Header(columns, len(cells), name)
+
+
+def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.ndarray, list[int], list[Fault]]:
+    """Numbers ``(5, N)`` in SI, NaN where a cell is empty, the row number of each, and the lines that are no rows.
+
+    ``first`` is the number of the first line. Empty lines are no fault.
+    """
+    places = [-1 if column is None else column.index for column in header.columns]
+    values: list[list[float]] = []
+    numbers: list[int] = []
+    faults: list[Fault] = []
+    for number, line in enumerate(lines, start=first):
+        if not line.strip():
+            continue
+        try:
+            text = line.decode("ascii")
+            cells = next(csv.reader([text])) if '"' in text else text.split(",")
+            if len(cells) != header.width:
+                raise ValueError(f"{len(cells)} cells under a header of {header.width}")
+            values.append([_number(cells[place]) if place >= 0 else math.nan for place in places])
+            numbers.append(number)
+        except (ValueError, csv.Error) as error:
+            faults.append(Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error)))
+    table = np.array(values, dtype=float).reshape(-1, len(places)).T
+    for row, (column, channel) in enumerate(zip(header.columns, (TIME, *INPUTS, *OUTPUTS), strict=True)):
+        if column is not None and channel != STICK:
+            table[row] = to_si(table[row], column.unit, CHANNEL_UNITS[channel], column_place(header.name, column))
+    return table, numbers, faults
+
+
+def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[np.ndarray, list[Fault], Order]:
+    """The rows that go on from ``order``, ``(5, N)``, with their faults.
+
+    A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD`` later than the last waits until
+    the next is later still, else it is left out. A missing stick holds its last value; before there is one, the row is left out.
+    """
+    kept: list[np.ndarray] = []
+    faults: list[Fault] = []
+    for row, number in zip(table.T, numbers, strict=True):
+        if order.lost is not None:
+            faults.append(Fault(number, f"it comes after a jump of the time at {order.lost:g} s"))
+            continue
+        time = float(row[0])
+        if math.isnan(time):
+            faults.append(Fault(number, "time is missing"))
+            continue
+        if time <= order.time:
+            faults.append(Fault(number, f"time {'is repeated' if time == order.time else 'goes back'} ({order.time:.9g} s, then {time:.9g} s)"))
+            continue
+        if order.waiting is not None:
+            ahead, ahead_row = order.waiting, order.waiting_row
+            order = order._replace(waiting=None)
+            if time > ahead[0]:
+                if ahead[0] - order.time > LOST and order.time > -math.inf:
+                    order = order._replace(lost=order.time)
+                    faults += [Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s") for each in (ahead_row, number)]
+                    continue
+                order = _accept(ahead, ahead_row, order, kept, faults)
+            else:
+                faults.append(Fault(ahead_row, f"time jumps ahead ({order.time:.9g} s, then {ahead[0]:.9g} s) and comes back"))
+        ahead_of_all = time - order.time > AHEAD
+        order = order._replace(waiting=row, waiting_row=number) if ahead_of_all else _accept(row, number, order, kept, faults)
+    return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order
+
+
+def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
+    """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it, but a jump that loses the motion."""
+    kept: list[np.ndarray] = []
+    faults: list[Fault] = []
+    if order.waiting is not None:
+        row, number, order = order.waiting, order.waiting_row, order._replace(waiting=None)
+        if row[0] - order.time > LOST and order.time > -math.inf:
+            faults.append(Fault(number, f"the time jumps from {order.time:g} s to {row[0]:g} s"))
+        else:
+            order = _accept(row, number, order, kept, faults)
+    return np.array(kept, dtype=float).reshape(-1, height).T, faults, order
+
+
+def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]) -> Order:
+    if math.isnan(row[1]):
+        if math.isnan(order.stick):
+            faults.append(Fault(number, "the stick is missing, and there is none before"))
+            return order
+        row = row.copy()
+        row[1] = order.stick
+        faults.append(Fault(number, "the stick is missing, the last one holds", left_out=False))
+    kept.append(row)
+    return order._replace(time=float(row[0]), stick=float(row[1]))
+
+
+def _number(cell: str) -> float:
+    """A cell as a number, NaN where a sample is missing; ValueError says what else it is."""
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+        if cell.strip().lower() not in MISSING:
+            raise ValueError(f"{_shown(cell)} is not a number") from None
+    if "_" in cell:
+        raise ValueError(f"{_shown(cell)} is not a number")
+    if abs(value) > LARGEST:
+        raise ValueError(f"{_shown(cell)} is no measurement")
+    return value
+
+
+def _shown(cell: str) -> str:
+    text = cell.strip()
+    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -1,0 +1,128 @@
+"""What a watch leaves behind: the rows it took, the history, and a comparison of the last estimate with the reference."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Estimate
+from scenarios.comparing import DERIVED_UNITS, SCHEMA, estimate_content, versions
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json, write_record
+from scenarios.identifying import Identification
+from scenarios.run import Row
+from scenarios.watching.history import NAME, History
+from scenarios.watching.reference import Reference
+from scenarios.watching.session import Session, derived_so_far, likely_estimate
+from scenarios.watching.table import Standing
+from sim.errors import DeclarationError
+from sim.record import Record
+
+FILES = ("comparison.json", NAME, "record.csv", "record.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None where it was not made; the on-line
+    bank's last estimate with its delay and weights; ``standings`` of what counts."""
+
+    record: Record
+    found: Identification | None
+    online: Estimate
+    weights: np.ndarray
+    derived: Mapping[str, tuple[float, float]]
+    standings: tuple[Standing, ...]
+    left_out: int
+    mended: int
+    spikes: int
+    reason: str
+
+
+def refuse_overwriting(stream: Path, out: Path) -> None:
+    """Refuse a folder in which our files would take the place of the one that is watched.
+
+    Raises DeclarationError.
+    """
+    if stream.resolve().parent == out.resolve() and stream.name in FILES:
+        what = "the study's files would take the place of what is watched"
+        raise DeclarationError(what, where=str(stream), remedy="name another folder with --out")
+
+
+def write_watch(out: Path, session: Session, reference: Reference | None, end: Outcome, history: History, name: str) -> None:
+    """Write the study; the history that grew until now becomes one of its files."""
+    with study_folder(out, "comparison.json") as scratch:
+        record_file, _ = write_record(scratch, end.record)
+        (scratch / NAME).write_text(history.finish(), encoding="ascii")
+        digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
+        content = watch_content(session, reference, end)
+        write_json(scratch / "comparison.json", {**content, "inputs": {"records": [name], "sha256": [digest]}})
+
+
+def watch_content(session: Session, reference: Reference | None, end: Outcome) -> dict[str, Any]:
+    """Content of ``comparison.json``: the refined estimate as the main one where it was made, the on-line bank's under ``methods``."""
+    bank, state = session.bank, session.state
+    assert bank is not None and state is not None
+    online = _online_content(session)
+    if end.found is None:
+        main: dict[str, Any] = {**online, "method": "online"}
+    else:
+        found = end.found
+        main = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
+    return {
+        "schema": SCHEMA,
+        "scenario": "watch",
+        "model": "loes",
+        "vehicle": session.vehicle.name,
+        **main,
+        **({} if end.found is None else {"methods": {"online": {**online, "method": "online"}}}),
+        "bank": {"delays": bank.delays, "weights": end.weights, "most_likely": float(bank.delays[state.best])},
+        **({} if reference is None else {"reference": _reference_content(reference, end.standings)}),
+        "stream": {
+            "rows": len(end.record),
+            "left_out": end.left_out,
+            "mended": end.mended,
+            "spikes": end.spikes,
+            "trim": dict(session.offsets),
+            "ended": end.reason,
+        },
+        "versions": versions(),
+    }
+
+
+def _online_content(session: Session) -> dict[str, Any]:
+    assert session.bank is not None and session.state is not None and session.system is not None
+    estimate, _, delay = likely_estimate(session.bank, session.state)
+    rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
+    fixed = {item.name: (item.value, item.unit) for item in session.system.parameters if not item.free}
+    fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
+    return estimate_content(estimate, rows, derived_so_far(session, estimate, delay), fixed, ())
+
+
+def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]) -> tuple[Row, ...]:
+    """Rows of the estimated quantities; one without a deviation is not estimated."""
+    return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
+
+
+def _reference_content(reference: Reference, items: Sequence[Standing]) -> dict[str, Any]:
+    compared = [item for item in items if item.reference is not None and item.z is not None]
+    return {
+        "study": Path(reference.name).resolve().name,
+        "differences": [
+            {
+                "name": item.name,
+                "unit": item.unit,
+                "reference": item.reference[0],
+                "reference_std": item.reference[1],
+                "sigmas": item.z,
+                "outside": item.beyond,
+            }
+            for item in compared
+            if item.reference is not None
+        ],
+        "outside": [item.name for item in compared if item.beyond],
+    }

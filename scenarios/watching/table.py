@@ -1,0 +1,118 @@
+"""What a watch shows: estimates against the reference, with flags where they leave its bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ident.compare import BEYOND
+from ident.estimate import Estimate
+from scenarios.comparing import DERIVED_UNITS
+from scenarios.printing import number
+from scenarios.watching.reference import Reference
+
+_WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    reference: tuple[float, float] | None = None
+
+    @property
+    def z(self) -> float | None:
+        """Difference over the root of both variances' sum; None without a reference or a deviation."""
+        if self.reference is None:
+            return None
+        scale = math.hypot(self.std, self.reference[1])
+        return (self.value - self.reference[0]) / scale if scale > 0 else None
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it lies outside the reference's bounds: more than two standard deviations of the difference."""
+        return self.z is not None and abs(self.z) > BEYOND
+
+
+@dataclass(frozen=True)
+class View:
+    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, likelihood weights by delay (s)."""
+
+    name: str
+    time: float
+    rows: int
+    left_out: int
+    spikes: int
+    standings: tuple[Standing, ...]
+    delays: np.ndarray
+    weights: np.ndarray
+    silent: float = 0.0
+    sound: bool = True
+
+
+def standings(estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None) -> tuple[Standing, ...]:
+    """Derived quantities, then parameters, each against the reference where there is one."""
+    known = {} if reference is None else reference.values
+    out = [Standing(name, DERIVED_UNITS[name], value, std, known.get(name)) for name, (value, std) in derived.items()]
+    for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
+        if name not in derived:
+            out.append(Standing(name, unit, value, std, known.get(name)))
+    return tuple(out)
+
+
+def live_table(view: View) -> Table:
+    """The table of a terminal."""
+    table = Table(title=Text(_heading(view)), title_justify="left", caption=Text(_weights(view)), caption_justify="left")
+    compared = any(item.reference is not None for item in view.standings)
+    for heading in ("quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off, sigmas", "") if compared else ())):
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
+    for item in view.standings:
+        cells = [_WORDS.get(item.name, item.name), item.unit, number(item.value, item.std), number(item.std, item.std)]
+        if item.reference is not None:
+            value, std = item.reference
+            z = item.z
+            cells += [number(value, std), number(std, std), "-" if z is None else f"{z:+.1f}", "outside" if item.beyond else ""]
+        table.add_row(*cells, style="bold red" if item.beyond else None)
+    return table
+
+
+def line(view: View) -> str:
+    """The same in one line, for a log."""
+    by_name = {item.name: item for item in view.standings}
+    shown = []
+    for name, word in _WORDS.items():
+        if name in by_name:
+            item = by_name[name]
+            shown.append(f"{word} {number(item.value, item.std)} +- {number(item.std, item.std)} {item.unit}".removesuffix(" 1"))
+    best = int(np.argmax(view.weights))
+    shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
+    outside = outside_of(view.standings)
+    return f"{_heading(view)}: " + ", ".join(shown) + (f"; outside the reference: {', '.join(outside)}" if outside else "")
+
+
+def outside_of(items: Sequence[Standing]) -> list[str]:
+    """Names of what lies outside the reference's bounds."""
+    return [item.name for item in items if item.beyond]
+
+
+def _heading(view: View) -> str:
+    counts = [f"{view.rows} rows"]
+    counts += [f"{view.left_out} line{'s' * (view.left_out != 1)} left out"] if view.left_out else []
+    counts += [f"{view.spikes} spike{'s' * (view.spikes != 1)} left out"] if view.spikes else []
+    counts += [] if view.sound else ["all filters broke down, the last sound values stand"]
+    counts += [f"nothing new for {view.silent:.0f} s"] if view.silent >= 1.0 else []
+    return f"{view.name}, {view.time:.2f} s, {', '.join(counts)}"
+
+
+def _weights(view: View) -> str:
+    cells = [f"{1000.0 * delay:g}: {weight:.2f}" for delay, weight in zip(view.delays, view.weights, strict=True) if weight >= 0.005]
+    return "likelihood by delay, ms: " + ", ".join(cells)

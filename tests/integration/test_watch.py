@@ -1,0 +1,287 @@
+"""`flightid watch`: a file that grows, a pipe, broken lines, an end at any place; the same estimate as a batch run of the same rows."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from ident.bank import run_bank
+from ident.delay_bank import DELAYS
+from scenarios.files.vehicles import VehicleFile
+from scenarios.files.writing import write_record
+from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
+from scenarios.watching.session import Session, batch_estimate, filtered_record, record_of, start, take
+from scenarios.watching.table import View, live_table, standings
+from sim.record import Record
+from tests import loes_problem as problem
+from tests.bases import LOES_CONSTANTS, LOES_VALUES
+from tests.integration.command_line import CommandLine, contents
+
+ROOT = Path(__file__).parents[2]
+START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
+PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
+
+
+@pytest.fixture(scope="module")
+def flown() -> Record:
+    return problem.record(11, duration=6.0, gaps=True)
+
+
+@pytest.fixture(scope="module")
+def folder(flown: Record, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`flight.csv` and `vehicle.toml`; tests only read them."""
+    made = tmp_path_factory.mktemp("stream")
+    write_record(made, flown, "flight")
+    lines = ['name = "demonstrator"', *(f"{name} = {value}" for name, value in LOES_CONSTANTS.items()), "[derivatives]"]
+    (made / "vehicle.toml").write_text("\n".join([*lines, *(f"{name} = {value}" for name, value in START.items())]) + "\n")
+    return made
+
+
+@pytest.fixture(scope="module")
+def options(folder: Path) -> list[str]:
+    return ["--model", "loes", "--vehicle", str(folder / "vehicle.toml")]
+
+
+def comparison(out: Path) -> dict[str, Any]:
+    return json.loads((out / "comparison.json").read_text(), parse_constant=pytest.fail)
+
+
+def history(out: Path) -> tuple[list[str], np.ndarray]:
+    header, *rows = csv.reader((out / "history.csv").read_text().splitlines())
+    return header, np.array([[float(cell or "nan") for cell in row] for row in rows])
+
+
+@contextmanager
+def process(*arguments: object, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "scenarios", "watch", *(str(each) for each in arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": stdin}
+    with subprocess.Popen(command, text=True, env=environment, **pipes) as running:  # type: ignore[call-overload]
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+def until(condition: Any) -> None:
+    ends = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < ends, "it did not come"
+        time.sleep(0.05)
+
+
+def vehicle_file() -> VehicleFile:
+    return VehicleFile("demonstrator", "loes", LOES_CONSTANTS, START)
+
+
+def table_of(record: Record) -> np.ndarray:
+    return np.vstack([record.time, *(channel.with_gaps() for channel in record.channels)])
+
+
+def test_watch_finds_what_identify_finds(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
+    printed = flightid.done("watch", folder / "flight.csv", *options, "--until-end", "--out", tmp_path / "watched")
+    flightid.done("identify", folder / "flight.csv", *options, "--method", "ekf", "--no-figures", "--out", tmp_path / "identified")
+    watched, identified = comparison(tmp_path / "watched"), comparison(tmp_path / "identified")
+    for key in ("parameters", "derived", "fixed", "outcome", "noise_std", "correlation"):
+        assert watched[key] == identified[key], key
+    assert set(watched["parameters"]) == {*PARAMETERS, "delay"} and watched["outcome"] == "converged"
+    for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
+        row = watched["parameters"][name]
+        assert abs(row["estimate"] - LOES_VALUES[name]) < 4.0 * row["std"], name
+    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert (tmp_path / "watched" / "record.csv").read_bytes() == (folder / "flight.csv").read_bytes()
+    assert watched["stream"] == {"rows": 151, "left_out": 0, "mended": 0, "spikes": 0, "trim": {}, "ended": "the stream ended"}
+    told = [line for line in printed.splitlines() if "most likely" in line]
+    assert [line.split(", ")[1] for line in told] == ["2.96 s", "3.96 s", "4.96 s", "5.96 s", "6.00 s"]
+
+
+def test_history_ends_at_the_online_estimate(flightid: CommandLine, flown: Record, folder: Path, options: list[str], tmp_path: Path) -> None:
+    flightid.done("watch", folder / "flight.csv", *options, "--until-end", "--no-refine", "--out", tmp_path / "out")
+    content, (header, rows) = comparison(tmp_path / "out"), history(tmp_path / "out")
+    assert content["method"] == "online" and "methods" not in content
+    last = dict(zip(header, rows[-1], strict=True))
+    for name in PARAMETERS:
+        assert last[name] == pytest.approx(content["parameters"][name]["estimate"], rel=1e-8)
+        assert last[f"{name}_std"] == pytest.approx(content["parameters"][name]["std"], rel=1e-8)
+    assert last["most_likely_delay"] == content["fixed"]["delay"]["value"] == content["bank"]["most_likely"]
+    assert last["weighted_delay"] == pytest.approx(content["derived"]["delay"]["estimate"], rel=1e-8)
+    np.testing.assert_array_equal(rows[:, 0], flown.time)
+    np.testing.assert_array_equal(np.isnan(rows[:, header.index("innovation_q")]), ~flown["q"].valid)
+    np.testing.assert_allclose(rows[:, [i for i, name in enumerate(header) if name.startswith("weight_")]].sum(axis=1), 1.0, rtol=1e-8)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_last_state_is_the_batch_bank_of_the_same_rows(flown: Record, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    table = table_of(flown)[:, rng.random(len(flown)) > 0.1]
+    table[2, 70], table[4, 90] = 1e5, -700.0
+    table[1:4] += np.array([[0.4], [0.05], [0.1]])  # not about the trim
+    session = Session(vehicle_file(), "stream", "in")
+    for block in np.split(table, np.sort(rng.choice(np.arange(1, table.shape[1]), 9, replace=False)), axis=1):
+        take(session, block)
+    assert start(session) == [] and session.system is not None and session.spikes == 2
+    assert session.offsets == pytest.approx({"stick": 0.4, "alpha": 0.05, "q": 0.1}, abs=2e-3)
+    kept = record_of(session)
+    assert not kept["alpha"].valid[70] and not kept["nz"].valid[90] and len(kept) == table.shape[1]
+    expected = run_bank(filtered_record(session), session.system, held={"delay": np.array(DELAYS)})
+    found = batch_estimate(session)
+    np.testing.assert_allclose((found.mean - expected.mean) / expected.std, 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.log_likelihood, expected.log_likelihood, rtol=1e-9)
+    for name in ("L_alpha", "M_alpha", "M_q"):
+        row = found.names.index(name)
+        assert abs(found.mean[row, 5] - LOES_VALUES[name]) < 5.0 * found.std[row, 5], name
+
+
+def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
+    text = (folder / "flight.csv").read_text()
+    flightid.done("watch", folder / "flight.csv", *options, "--until-end", "--no-refine", "--out", tmp_path / "whole")
+    growing, out = tmp_path / "growing.csv", tmp_path / "out"
+    cuts = [0, 12, len(text) // 2 + 3, len(text) // 2 + 4, len(text) - 5, len(text)]
+    growing.write_text("")
+    with process(growing, *options, "--no-refine", "--idle", "4", "--out", out) as running:
+        for number, (first, last) in enumerate(pairwise(cuts)):
+            with growing.open("a") as file:
+                file.write(text[first:last])
+            if number == 2:
+                until(lambda: (out / "history.csv.part").is_file() and (out / "history.csv.part").read_text().count("\n") > 60)
+                assert (out / "history.csv.part").read_text().endswith("\n") and not (out / "comparison.json").exists()
+            time.sleep(0.15)
+        printed, errors = running.communicate(timeout=60)
+    assert (running.returncode, errors) == (0, "")
+    assert "151 rows" in printed and set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert (out / "record.csv").read_bytes() == (tmp_path / "whole" / "record.csv").read_bytes()
+    np.testing.assert_allclose(history(out)[1], history(tmp_path / "whole")[1], rtol=1e-7, atol=1e-9)
+
+
+def test_a_pipe_with_broken_lines(folder: Path, options: list[str], tmp_path: Path) -> None:
+    header, *lines = (folder / "flight.csv").read_text().splitlines()
+    cells = lines[80].split(",")
+    spiked = ",".join([*cells[:2], "1e6", *cells[3:]])
+    held = ",".join([lines[81].split(",")[0], "", *lines[81].split(",")[2:]])
+    lost = slice(120, 125)
+    broken = [header, *lines[:30], "noise on the line", lines[12], *lines[30:80], spiked, held, *lines[82 : lost.start], *lines[lost.stop :], "6.04,0.1,0.0"]
+    with process("-", *options, "--no-refine", "--out", tmp_path / "out", stdin=subprocess.PIPE) as running:
+        printed, errors = running.communicate("\n".join(broken), timeout=60)
+    assert running.returncode == 0
+    assert [line.split(":")[1].strip() for line in errors.splitlines()] == ["standard input, row 32", "standard input, row 85"]
+    stream = comparison(tmp_path / "out")["stream"]
+    assert (stream["rows"], stream["left_out"], stream["mended"], stream["spikes"]) == (146, 3, 1, 1)
+    assert "146 rows, 3 lines left out, 1 spike left out" in " ".join(printed.split())
+    parameters = comparison(tmp_path / "out")["parameters"]
+    for name in ("L_alpha", "M_alpha", "M_q"):
+        assert abs(parameters[name]["estimate"] - LOES_VALUES[name]) < 5.0 * parameters[name]["std"], name
+
+
+def test_ctrl_c_ends_it_whole(folder: Path, options: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with process(folder / "flight.csv", *options, "--no-refine", "--idle", "60", "--out", out) as running:
+        until(lambda: (out / "history.csv.part").is_file() and (out / "history.csv.part").read_text().count("\n") == 152)
+        running.send_signal(signal.SIGINT)
+        printed, errors = running.communicate(timeout=60)
+    assert (running.returncode, errors) == (0, "") and "stopped by the user" in printed
+    assert comparison(out)["stream"]["ended"] == "stopped by the user" and len(history(out)[1]) == 151
+    assert set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+
+
+def test_reference_gives_the_start_and_the_bounds(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
+    flightid.done("identify", folder / "flight.csv", *options, "--method", "ekf", "--no-figures", "--out", tmp_path / "study")
+    content = comparison(tmp_path / "study")
+    shifted = content["parameters"]["M_q"]["estimate"]
+    content["parameters"]["M_q"]["estimate"] = shifted - 6.0 * content["parameters"]["M_q"]["std"]
+    (tmp_path / "study" / "comparison.json").write_text(json.dumps(content))
+    printed = flightid.done(
+        "watch", folder / "flight.csv", "--model", "loes", "--reference", tmp_path / "study", "--until-end", "--no-refine", "--out", tmp_path / "out"
+    )
+    assert f"outside the bounds of {tmp_path / 'study'}: " in printed
+    told = comparison(tmp_path / "out")["reference"]
+    assert "M_q" in told["outside"] and "L_q" not in told["outside"] and told["study"] == "study"
+    by_name = {row["name"]: row for row in told["differences"]}
+    assert {"natural_frequency", "damping_ratio", "delay", *PARAMETERS} == set(by_name)
+    assert by_name["M_q"]["sigmas"] > 2.0 and by_name["M_q"]["outside"]
+    begun = vehicle_to_watch(None, read_reference(tmp_path / "study"))
+    assert begun.constants == LOES_CONSTANTS and begun.derivatives["L_alpha"] == content["parameters"]["L_alpha"]["estimate"]
+
+
+def test_flags_take_both_uncertainties(flown: Record) -> None:
+    session = Session(vehicle_file(), "stream", "in")
+    take(session, table_of(flown))
+    from scenarios.watching.session import derived_so_far, likely_estimate
+
+    assert session.bank is not None and session.state is not None
+    estimate, weights, delay = likely_estimate(session.bank, session.state)
+    at, sigma = estimate.value("M_q"), estimate.sigma("M_q")
+    reference = Reference("study", {"M_q": (at + 2.5 * sigma, sigma), "M_alpha": (estimate.value("M_alpha") + 2.5 * estimate.sigma("M_alpha"), 1e-9)})
+    items = {item.name: item for item in standings(estimate, derived_so_far(session, estimate, delay), reference)}
+    assert items["M_q"].z == pytest.approx(-2.5 / 2**0.5) and not items["M_q"].beyond
+    assert items["M_alpha"].z == pytest.approx(-2.5) and items["M_alpha"].beyond
+    assert items["L_q"].z is None and not items["L_q"].beyond
+    drawn = Console(file=io.StringIO(), width=110, force_terminal=True, color_system=None)
+    drawn.print(live_table(View("stream", 6.0, 151, 2, 0, tuple(items.values()), session.bank.delays, weights, silent=3.2)))
+    lines = drawn.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert "stream, 6.00 s, 151 rows, 2 lines left out, nothing new for 3 s" in lines[0]
+    assert ["outside" in line for line in lines if "M_alpha" in line or "M_q" in line] == [True, False]
+
+
+def test_without_vehicle_and_reference_it_starts_as_the_paper_did() -> None:
+    begun = vehicle_to_watch(None, None)
+    assert begun.derivatives["M_alpha"] == -14.0 and set(begun.constants) == {"airspeed", "gravity", "vane_arm"}
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "the stream is empty"),
+        ("time,stick,alpha\n", "0 row(s) that can be used"),
+        ("time,stick,alpha\n0,0,0\n", "1 row(s) that can be used"),
+        ("time,alpha\n0,0\n", "there is no column 'stick'"),
+        ("time,stick,alpha [kg]\n0,0,0\n", "does not measure an angle"),
+        ("time,stick,alpha\n0,0,\n1,0,\n2,0,\n", "no number in any output"),
+    ],
+)
+def test_streams_that_are_refused(flightid: CommandLine, options: list[str], tmp_path: Path, text: str, word: str) -> None:
+    (tmp_path / "bad.csv").write_text(text)
+    assert word in flightid.refused("watch", tmp_path / "bad.csv", *options, "--until-end", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
+    record = folder / "flight.csv"
+    assert "there is no model 'rigid'" in flightid.refused("watch", record, "--model", "rigid")
+    assert "there is no such file" in flightid.refused("watch", tmp_path / "none.csv", *options)
+    assert "this is a folder" in flightid.refused("watch", tmp_path, *options)
+    (tmp_path / "flight.parquet").write_bytes(b"PAR1")
+    assert "arrives line by line" in flightid.refused("watch", tmp_path / "flight.parquet", *options)
+    assert "cannot be read" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
+    (tmp_path / "comparison.json").write_text('{"schema": "flightid/comparison/1", "parameters": {"beta": {"estimate": 1.0, "std": 0.1}}}')
+    assert "there is no L_alpha in it" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
+    (tmp_path / "record.csv").write_bytes(record.read_bytes())
+    assert "would take the place" in flightid.refused("watch", tmp_path / "record.csv", *options, "--until-end", "--out", tmp_path)
+    (tmp_path / "record.json").write_text('{"schema": "flightid/record/1", "hold": "linear"}')
+    assert "linear between samples" in flightid.refused("watch", tmp_path / "record.csv", *options)
+
+
+@pytest.mark.parametrize("method", ["output-error", "filter-error"])
+def test_identify_knows_the_low_order_equivalent_system(
+    flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path, method: str
+) -> None:
+    flightid.done("identify", folder / "flight.csv", *options, "--method", method, "--no-figures", "--out", tmp_path)
+    content = comparison(tmp_path)
+    assert set(content["derived"]) == {"natural_frequency", "damping_ratio", "delay"}
+    row = content["parameters"]["delay"]
+    assert abs(row["estimate"] - problem.TRUE_DELAY) < 4.0 * row["std"]
+    assert "use ekf" in flightid.refused("identify", folder / "flight.csv", *options, "--method", "ukf")
