@@ -181,7 +181,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
     found = {guard.name: guard for guard in guards_for(ShortPeriod())}
-    assert set(found) == {*(f"guard:{name}" for name in products), "guard:lagged-loads"}
+    assert set(found) == {*(f"guard:{name}" for name in products), "guard:lagged-loads", "guard:periodic-loads"}
     for name, product in products.items():
 
         def extra(t: float, a: float, q: float, u: float, z: np.ndarray, product: Any = product) -> tuple[float, float, tuple[()]]:
@@ -191,3 +191,10 @@ def test_guards_are_the_terms_that_they_name() -> None:
         close(rigid(found[f"guard:{name}"], {"lift": 2.0, "moment": -3.0}), expected)
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (0.5 * (a - z[0]), 0.3 * (a - z[0]), [(a - z[0]) / 0.4]), further=1)
     close(rigid(found["guard:lagged-loads"], {"lag": 0.4, "lift": 0.5, "moment": 0.3}), expected)
+
+    def swinging(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+        return 0.02 * np.cos(5.0 * t) - 0.01 * np.sin(5.0 * t), 0.004 * np.cos(5.0 * t) + 0.003 * np.sin(5.0 * t), ()
+
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], swinging)
+    sizes = {"frequency": 5.0, "lift_cos": 0.02, "lift_sin": -0.01, "moment_cos": 0.004, "moment_sin": 0.003}
+    close(rigid(found["guard:periodic-loads"], sizes), expected)
