@@ -173,8 +173,8 @@ def test_a_pipe_with_broken_lines(folder: Path, options: list[str], tmp_path: Pa
     cells = lines[80].split(",")
     spiked = ",".join([*cells[:2], "1e6", *cells[3:]])
     held = ",".join([lines[81].split(",")[0], "", *lines[81].split(",")[2:]])
-    lost = slice(120, 125)
-    broken = [header, *lines[:30], "noise on the line", lines[12], *lines[30:80], spiked, held, *lines[82 : lost.start], *lines[lost.stop :], "6.04,0.1,0.0"]
+    after = [*lines[82:120], *lines[125:]]  # five rows are lost
+    broken = [header, *lines[:30], "noise on the line", lines[12], *lines[30:80], spiked, held, *after, "6.04,0.1,0.0"]
     with process("-", *options, "--no-refine", "--out", tmp_path / "out", stdin=subprocess.PIPE) as running:
         printed, errors = running.communicate("\n".join(broken), timeout=60)
     assert running.returncode == 0
@@ -276,9 +276,7 @@ def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: li
 
 
 @pytest.mark.parametrize("method", ["output-error", "filter-error"])
-def test_identify_knows_the_low_order_equivalent_system(
-    flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path, method: str
-) -> None:
+def test_identify_knows_the_low_order_equivalent_system(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path, method: str) -> None:
     flightid.done("identify", folder / "flight.csv", *options, "--method", method, "--no-figures", "--out", tmp_path)
     content = comparison(tmp_path)
     assert set(content["derived"]) == {"natural_frequency", "damping_ratio", "delay"}
