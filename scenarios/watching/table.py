@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -70,10 +71,11 @@ def standings(estimate: Estimate, derived: Mapping[str, tuple[float, float]], re
 
 
 def live_table(view: View) -> Table:
-    """The table of a terminal."""
-    table = Table(title=Text(_heading(view)), title_justify="left", caption=Text(_weights(view)), caption_justify="left")
+    """The table of a terminal, without a frame so that no number is cut in 80 columns."""
+    table = Table(title=Text(_heading(view)), caption=Text(_weights(view)), box=box.SIMPLE_HEAD, padding=0)
+    table.title_justify = table.caption_justify = "left"
     compared = any(item.reference is not None for item in view.standings)
-    for heading in ("quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off, sigmas", "") if compared else ())):
+    for heading in ("quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas", "") if compared else ())):
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
     for item in view.standings:
         cells = [_WORDS.get(item.name, item.name), item.unit, number(item.value, item.std), number(item.std, item.std)]
