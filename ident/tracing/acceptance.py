@@ -178,11 +178,11 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
             if np.count_nonzero(problem.valid[i]) < 20:
                 continue
             box = ljung_box(residual[i], problem.valid[i], name + where)
-            tests += [box, low_frequency_power(residual[i], problem.valid[i], problem.record.time, name + where, len(fit.theta))]
+            tests += [box, low_frequency_power(residual[i], problem.valid[i], problem.record.time, name + where)]
     return tests
 
 
-def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str, fitted: int) -> ResidualTest:
+def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str) -> ResidualTest:
     """Is there more power below 4 Hz than white noise of the same total has? Chi-squared of the periodogram's sum."""
     from scipy.special import betainc
 

@@ -18,7 +18,7 @@ from ident.tracing.acceptance import HeldOut, error_figures, held_out, predictio
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.expansion import quantities
-from ident.tracing.node import Node
+from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
 from ident.tracing.search import grow, look_back, refined
 from ident.tracing.search_state import Search
@@ -28,8 +28,6 @@ from sim.effect import Effect
 from sim.errors import ModelError
 from sim.model import Model
 from sim.record import Record
-
-GUARD = "guard:"  # names of terms that compete like effects and can never be claimed
 
 
 def diagnose(
@@ -93,7 +91,7 @@ def diagnose(
     tests_after = tuple(whiteness(best.fit, "fitted"))
     if out_after.informed is not None:
         tests_after += tuple(whiteness(out_after.informed, "held out"))
-    guarded = [name for name in best.names if name.startswith(GUARD)]
+    guarded = guards_among(best.names)
     effects = [*input_claims, *claims, *_claims(search, best, guarded)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
     if verdict is Verdict.UNEXPLAINED:
@@ -109,7 +107,7 @@ def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
     return [
         Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, (), effect.explanation)
         for effect in best.effects
-        if not effect.name.startswith(GUARD)
+        if not guards_among([effect.name])
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from sim.model import Model
 from sim.record import Record
 from sim.system import System, compile_model
 
+GUARD = "guard:"  # names of terms that compete like effects and can never be claimed
 STRUCTURAL = "elastic-mode:"  # names of the modes that a declared flexible model has
 
 
@@ -74,6 +75,11 @@ def belongs_to_record(effect: Effect) -> bool:
 def is_event(effect: Effect) -> bool:
     """Whether an effect's position was searched for over the record."""
     return bool(getattr(effect, "onset", ""))
+
+
+def guards_among(names: Iterable[str]) -> list[str]:
+    """Those of some names that are a guard's."""
+    return [name for name in names if name.startswith(GUARD)]
 
 
 def free_names(effect: Effect) -> list[str]:

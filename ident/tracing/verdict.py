@@ -11,7 +11,7 @@ from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, doubted, held_out
 from ident.tracing.diagnosis import Claim, Step, Verdict
-from ident.tracing.node import Node, belongs_to_record, free_names
+from ident.tracing.node import Node, belongs_to_record, free_names, guards_among
 from ident.tracing.scoring import is_white
 from ident.tracing.search import refined
 from ident.tracing.search_state import Search
@@ -19,7 +19,6 @@ from ident.tracing.settings import TraceSettings
 from sim.record import Record
 from sim.tracing import Refinable
 
-GUARD = "guard:"
 TIE = 12.0  # difference of scores below which a guard does not stand against the library
 AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out together, below which two names are equal
 ALTERNATIVE = 10.0  # the same, below which the other is named beside
@@ -28,7 +27,7 @@ ALTERNATIVE = 10.0  # the same, below which the other is named beside
 def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> tuple[Node, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
     best = _without_guard(search, best)
-    hopeless = not is_white(best, search.settings.white) or any(name.startswith(GUARD) for name in best.names)
+    hopeless = not is_white(best, search.settings.white) or bool(guards_among(best.names))
     out = held_out(best, validation, masks, informed=not hopeless) if validation else HeldOut(None, None)
     if not best.effects or hopeless:
         # What training itself does not explain, no held-out record will.
@@ -51,14 +50,12 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
 
 def _without_guard(search: Search, best: Node) -> Node:
     """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
-    if not any(name.startswith(GUARD) for name in best.names):
+    if not guards_among(best.names):
         return best
     rivals = [
         node
         for key, node in search.nodes.items()
-        if len(node.effects) == len(best.effects)
-        and not any(name.startswith(GUARD) for name in key)
-        and search.scores[key] - search.score(best) < TIE
+        if len(node.effects) == len(best.effects) and not guards_among(key) and search.scores[key] - search.score(best) < TIE
     ]
     return refined(search, min(rivals, key=search.score)) if rivals else best
 
@@ -91,7 +88,7 @@ def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:
         return {}
     for key, total in search.totals.items():
         gone, come = mine - key, key - mine
-        if len(gone) == len(come) == 1 and total - reference < ALTERNATIVE and not next(iter(come)).startswith(GUARD):
+        if len(gone) == len(come) == 1 and total - reference < ALTERNATIVE and not guards_among(come):
             found.setdefault(next(iter(gone)), []).append((total - reference, next(iter(come))))
     return {name: tuple(other for _, other in sorted(entries)[:2]) for name, entries in found.items()}
 
@@ -114,7 +111,7 @@ def judge(
                 "the declared model explains the fitted records but not the held-out ones: fit them together, they show what the first do not"
             )
         return (Verdict.UNEXPLAINED if warnings else Verdict.CONSISTENT), warnings
-    guards = [name for name in best.names if name.startswith(GUARD)]
+    guards = guards_among(best.names)
     if guards:
         return Verdict.UNEXPLAINED, [f"what is missing behaves like {', '.join(guards)}, which is no effect of the library", *warnings]
     if warnings:
@@ -131,10 +128,7 @@ def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:
     others = [
         node
         for key, node in search.nodes.items()
-        if key != frozenset(best.names)
-        and len(node.effects) == len(best.effects)
-        and search.scores[key] - score < within
-        and not any(name.startswith(GUARD) for name in key)
+        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < within and not guards_among(key)
     ]
     return sorted(others, key=search.score)[:most]
 
@@ -147,7 +141,7 @@ def _ambiguous(search: Search, best: Node) -> bool:
     mine = frozenset(best.names)
     reference = search.totals.get(mine, 0.0)
     return any(
-        total - reference < AMBIGUOUS and len(key) == len(mine) and len(key - mine) == 1 and not any(name.startswith(GUARD) for name in key)
+        total - reference < AMBIGUOUS and len(key) == len(mine) and len(key - mine) == 1 and not guards_among(key)
         for key, total in search.totals.items()
         if key != mine
     )

@@ -79,7 +79,7 @@ def test_low_frequency_power_has_uniform_p_values_on_white_noise(count: int, int
     rng = np.random.default_rng(count)
     time = interval * np.arange(count)
     runs = 1500
-    p = np.array([low_frequency_power(rng.standard_normal(count), rng.random(count) >= missing, time, "q", 8).p_value for _ in range(runs)])
+    p = np.array([low_frequency_power(rng.standard_normal(count), rng.random(count) >= missing, time, "q").p_value for _ in range(runs)])
     # Exceeded once in a thousand such tests: sqrt(-ln(0.0005)/2)/sqrt(n).
     assert uniform_distance(p) < 1.95 / np.sqrt(runs)
 
@@ -88,16 +88,16 @@ def test_low_frequency_power_sees_slow_motion_and_not_fast() -> None:
     rng = np.random.default_rng(2)
     time = 0.02 * np.arange(500)
     white, valid = rng.standard_normal(500), np.ones(500, dtype=bool)
-    slow = low_frequency_power(white + np.sin(2.0 * np.pi * 1.0 * time), valid, time, "q", 8)
-    fast = low_frequency_power(white + np.sin(2.0 * np.pi * 9.0 * time), valid, time, "q", 8)
+    slow = low_frequency_power(white + np.sin(2.0 * np.pi * 1.0 * time), valid, time, "q")
+    fast = low_frequency_power(white + np.sin(2.0 * np.pi * 9.0 * time), valid, time, "q")
     assert slow.p_value < 1e-12 and slow.statistic > 2.0
     assert fast.p_value > 0.9 and fast.statistic < 1.0
 
 
 def test_low_frequency_power_says_nothing_where_all_lies_below() -> None:
-    test = low_frequency_power(np.ones(100), np.ones(100, dtype=bool), 0.2 * np.arange(100.0), "altitude", 3)
+    test = low_frequency_power(np.ones(100), np.ones(100, dtype=bool), 0.2 * np.arange(100.0), "altitude")
     assert test.p_value == 1.0 and np.isfinite(test.statistic)
-    assert low_frequency_power(np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q", 3).p_value == 1.0
+    assert low_frequency_power(np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q").p_value == 1.0
 
 
 def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(node: Node) -> None:
