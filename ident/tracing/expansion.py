@@ -21,6 +21,7 @@ COLLINEAR = 0.9
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
 WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
 HOPELESS, RIVAL = 0.2, 0.5  # of the best gain so far
+CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
 CHEAP = 2  # parameters of a candidate that is fitted even though its projected gain is small
 
 
@@ -52,7 +53,7 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
             worth = worth and (finding.gain > RIVAL * most or collinear(finding, explained) > COLLINEAR)
         if not worth or len(children) >= limit or search.exhausted:
             continue
-        child = _best_fit(search, node, finding, starts)
+        child = best_fit(search, node, finding, starts)
         if child is not None:
             children[place] = child
             most = max(most, node.fit.cost - child.fit.cost)
@@ -61,7 +62,7 @@ def expand(search: Search, node: Node, number: int) -> list[Node]:
     if explained is None and not is_white(node) and not is_forced(node.system):
         for place, finding in enumerate(findings):
             if place not in children and finding.parameters <= CHEAP and not search.exhausted:
-                child = _best_fit(search, node, finding, 1)
+                child = best_fit(search, node, finding, 1)
                 if child is not None:
                     children[place] = child
     return _accepted(search, node, number, findings, children)
@@ -85,6 +86,7 @@ def with_random_motion(search: Search, node: Node, number: int) -> list[Node]:
 def _accepted(search: Search, node: Node, number: int, findings: list[Finding], children: dict[int, Node]) -> list[Node]:
     """Keep evidence on all findings, and the children that lower the score enough."""
     accepted: list[Node] = []
+    most = max((node.fit.cost - child.fit.cost for child in children.values()), default=0.0)
     for place, finding in enumerate(findings):
         child = children.get(place)
         gain = finding.gain if child is None else node.fit.cost - child.fit.cost
@@ -99,9 +101,12 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
             if better is not None and better.fit.cost < node.fit.cost:
                 search.keep(better, search.score(node) - 2.0 * (node.fit.cost - better.fit.cost))
             continue
-        child = _placed_better(search, child, finding.effect)
-        parent = _from_child(search, node, child)
-        lowered = search.gain(parent, child)
+        parent = node
+        if gain > RIVAL * most:
+            # One that brings less than half of another will not be the best of its size: no need to know exactly what it brings.
+            child = _placed_better(search, child, finding.effect)
+            parent = _from_child(search, node, child)
+            lowered = search.gain(parent, child)
         if lowered <= search.settings.accept:
             continue
         search.keep(child, search.score(parent) - lowered)
@@ -112,9 +117,15 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
 
 
 def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
-    """An effect's free parameters in a node, by local name; of the first record it acts on where each has its own."""
+    """An effect's free parameters in a node, by local name; of the record in which it stands out most where each has its own."""
+    return max(_quantities_by_record(node, effect), key=lambda found: _sigmas(effect, found))
+
+
+def records_of(node: Node, effect: Effect) -> tuple[int, ...]:
+    """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
     each = _quantities_by_record(node, effect)
-    return next((found for found in each if _stands_out(effect, found)), each[0])
+    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
+    return seen if 0 < len(seen) < len(each) else ()
 
 
 def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
@@ -136,11 +147,17 @@ def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity
 
 def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
     """Whether parameters differ from the effect's absence by more than they are uncertain."""
-    known = [(found[local], value) for local, value in effect.absent.items() if local in found]
-    return not known or any(abs(quantity.value - value) > 2.0 * quantity.std for quantity, value in known)
+    return _sigmas(effect, found) > 2.0
 
 
-def _best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
+def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
+    """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
+    known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
+    return max(known, default=np.inf)
+
+
+def best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
+    """A node with one more effect, fitted from the best few of its starts; None where none has a finite cost."""
     best: Node | None = None
     for start in finding.starts[:starts]:
         child = search.fit((*node.effects, finding.effect), node, start, rough=True)
@@ -192,9 +209,14 @@ def _price(search: Search, node: Node, finding: Finding) -> float:
 
 def _excluded(node: Node, effect: Effect) -> bool:
     """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
-    kind, _, channel = effect.name.partition(":")
+    return any(twin in node.names for twin in same_sensor_twins(effect.name))
+
+
+def same_sensor_twins(name: str) -> tuple[str, ...]:
+    """The other name for one late sensor: the lag of a channel for its delay and the other way round; empty for anything else."""
+    kind, _, channel = name.partition(":")
     twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
-    return twin is not None and f"{twin}:{channel}" in node.names
+    return (f"{twin}:{channel}",) if twin is not None else ()
 
 
 def _candidate(number: int, node: Node, finding: Finding, child: Node | None, gain: float, others: tuple[str, ...]) -> Candidate:

@@ -17,7 +17,7 @@ from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness, with_held_out_change
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
-from ident.tracing.expansion import quantities
+from ident.tracing.expansion import quantities, records_of
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
 from ident.tracing.search import grow, look_back, refined
@@ -105,7 +105,7 @@ def diagnose(
 def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
     others = alternatives_of(search, best)
     return [
-        Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, (), effect.explanation)
+        Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)
         for effect in best.effects
         if not guards_among([effect.name])
     ]

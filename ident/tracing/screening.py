@@ -19,6 +19,7 @@ from sim.errors import ModelError
 from sim.tracing import Occasion, Probe, fitted_to
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
+COARSE = 0.02  # s, a sub-step that ranks candidates well enough
 PLACES = 60  # over the record, for effects that may begin anywhere
 
 
@@ -207,7 +208,7 @@ def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[lis
         for column, values in enumerate(columns):
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
-        problem = record_problem(old.record, system, layout.settings.max_step, (), (), valid=old.valid)
+        problem = record_problem(old.record, system, max(layout.settings.max_step, COARSE), (), (), valid=old.valid)
         states = dict(zip(layout.system.state_names, node.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
         y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))

@@ -22,12 +22,9 @@ def grow(search: Search, root: Node) -> Node:
     a cause, so it is offered only where no single cause leaves noise.
     """
     search.keep(root, root.criterion)
-    beam = _best(search, expand(search, root, 1))
+    first = beam = [freer_form(search, node) for node in _best(search, expand(search, root, 1))]
     if not any(is_white(node) for node in beam):
-        moving = [moved for node in (root, *beam) for moved in with_random_motion(search, node, 1)]
-        # Random motion alone, or with one cause: extended only where no pair of causes does better.
-        beam = _best(search, [*beam, *[node for node in moving if is_white(node)]])
-    beam = [freer_form(search, node) for node in beam]
+        beam = _best(search, [*beam, *_moving(search, [root], 1)])
     for number in range(2, search.settings.depth + 1):
         children: list[Node] = []
         for place, node in enumerate(beam):
@@ -35,10 +32,18 @@ def grow(search: Search, root: Node) -> Node:
             children += found
             if place == 0 and not found and is_white(node):
                 break
-        if not children:
-            break
         beam = [freer_form(search, node) for node in _best(search, children)]
+        if number == 2 and not any(is_white(node) for node in (*first, *beam)):
+            # Random motion with one cause: only where no pair of causes does better.
+            beam = _best(search, [*beam, *_moving(search, first, 2)])
+        if not beam:
+            break
     return min(search.nodes.values(), key=search.score)
+
+
+def _moving(search: Search, nodes: list[Node], number: int) -> list[Node]:
+    """The nodes with random motion, as far as that leaves noise."""
+    return [moved for node in nodes for moved in with_random_motion(search, node, number) if is_white(moved)]
 
 
 def _best(search: Search, nodes: list[Node]) -> list[Node]:

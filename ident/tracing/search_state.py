@@ -26,7 +26,8 @@ class Search:
     """What one search knows and gathers on its way: fitted nodes, their scores, steps and evidence.
 
     A node's score is that of its parent less the gain, see ``gain``; the root's is its criterion. ``beside`` are records that will be
-    predicted: only the ranges they fly through are used.
+    predicted: only the ranges they fly through are used. ``totals`` and ``misfits`` are of sets weighed on held-out data too: score, and
+    twice the cost alone.
     """
 
     records: Sequence[Record]
@@ -42,6 +43,7 @@ class Search:
     steps: list[Step] = field(default_factory=list)
     evidence: list[Candidate] = field(default_factory=list)
     totals: dict[frozenset[str], float] = field(default_factory=dict)
+    misfits: dict[frozenset[str], float] = field(default_factory=dict)
     beside: Sequence[Record] = ()
     spent: float = 0.0
 

@@ -11,11 +11,13 @@ from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, doubted, held_out
 from ident.tracing.diagnosis import Claim, Step, Verdict
+from ident.tracing.expansion import same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, free_names, guards_among
 from ident.tracing.scoring import is_white
 from ident.tracing.search import refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
+from ident.tracing.standing_in import stand_ins
 from sim.record import Record
 from sim.tracing import Refinable
 
@@ -34,17 +36,20 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
         return best, out
     best, out = _in_freer_form(search, best, out, validation, masks)
     total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
+    misfit = {frozenset(best.names): 2.0 * best.fit.cost + _held_out_cost(out)}
     nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
-    rivals = _near(search, best, search.settings.near, 3)
+    alike = stand_ins(search, best, search.settings.near)
+    rivals = [*_near(search, best, search.settings.near, 3), *alike]
     if doubted(out):
-        rivals = _near(search, best, search.settings.wide, 6)
+        rivals = [*_near(search, best, search.settings.wide, 6), *alike]
     for node in rivals:
         other = refined(search, node)
         fits = held_out(other, validation, masks) if validation else HeldOut(None, None)
         key = frozenset(other.names)
         nodes[key], outs[key], total[key] = other, fits, search.score(other) + _held_out_cost(fits)
+        misfit[key] = 2.0 * other.fit.cost + _held_out_cost(fits)
     chosen = min(total, key=lambda key: total[key])
-    search.totals = total
+    search.totals, search.misfits = total, misfit
     return nodes[chosen], outs[chosen]
 
 
@@ -80,16 +85,20 @@ def _in_freer_form(
 
 
 def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:
-    """For each effect of a set the names that could stand in its place, two at most, the nearest first."""
+    """For each effect of a set the names that could stand in its place, two at most, the nearest first.
+
+    They explain the data as well, however many parameters they need for it: that they are dearer is a reason to name the other,
+    not to deny them.
+    """
     mine = frozenset(best.names)
-    reference = search.totals.get(mine)
+    reference = search.misfits.get(mine)
     found: dict[str, list[tuple[float, str]]] = {}
     if reference is None:
         return {}
-    for key, total in search.totals.items():
+    for key, misfit in search.misfits.items():
         gone, come = mine - key, key - mine
-        if len(gone) == len(come) == 1 and total - reference < ALTERNATIVE and not guards_among(come):
-            found.setdefault(next(iter(gone)), []).append((total - reference, next(iter(come))))
+        if len(gone) == len(come) == 1 and misfit - reference < ALTERNATIVE and not guards_among(come):
+            found.setdefault(next(iter(gone)), []).append((misfit - reference, next(iter(come))))
     return {name: tuple(other for _, other in sorted(entries)[:2]) for name, entries in found.items()}
 
 
@@ -141,10 +150,19 @@ def _ambiguous(search: Search, best: Node) -> bool:
     mine = frozenset(best.names)
     reference = search.totals.get(mine, 0.0)
     return any(
-        total - reference < AMBIGUOUS and len(key) == len(mine) and len(key - mine) == 1 and not guards_among(key)
+        total - reference < AMBIGUOUS
+        and len(key) == len(mine)
+        and len(key - mine) == 1
+        and not guards_among(key)
+        and not _one_sensor(mine - key, key - mine)
         for key, total in search.totals.items()
         if key != mine
     )
+
+
+def _one_sensor(gone: frozenset[str], come: frozenset[str]) -> bool:
+    """Whether two names are the lag and the delay of one sensor: one late sensor, described twice."""
+    return any(set(same_sensor_twins(name)) & come for name in gone)
 
 
 def _improved(search: Search, root: Node, best: Node, before: HeldOut, after: HeldOut) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -22,20 +22,20 @@ class GustDiscrete:
 
     ``peak`` in m/s, positive upward; ``start`` and ``duration`` in s. Outside the gust w = 0. w/V adds to the
     angle of attack in the loads and in the vane's reading, not to the state; V is the declared airspeed.
-    ``lasting``: the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its length is V duration/2).
+
+    Attributes
+    ----------
+    lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its length is V duration/2).
+    fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the gust, or over its rise, less what would
+        change the peak: gusts that begin with a kink, rise faster than they fall, or are flat on top.
     """
 
     lasting: bool = False
+    fine: bool = False
 
     name: ClassVar[str] = "gust-discrete"
     station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("gust",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
-        Parameter("start", 2.0, "s"),
-        Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
-    )
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"peak": 0.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -49,9 +49,38 @@ class GustDiscrete:
         "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good."
     )
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        shapes = tuple(Parameter(name, 0.3, "m/s", bounds=(-50.0, 50.0)) for name in self._shapes)
+        return (
+            Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
+            Parameter("start", 2.0, "s"),
+            Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
+            *shapes,
+        )
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(("peak", *self._shapes), 0.0))
+
+    @property
+    def _shapes(self) -> tuple[str, ...]:
+        return ("shape1", "shape2", "shape3") if self.fine else ()
+
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        phase = clip((s.time - p.start) / p.duration, 0.0, 0.5 if self.lasting else 1.0)
-        return {"gust": 0.5 * p.peak * (1.0 - cos(2.0 * math.pi * phase)) / vehicle.airspeed}
+        end = 0.5 if self.lasting else 1.0
+        phase = clip((s.time - p.start) / p.duration, 0.0, end)
+        usual = 0.5 * (1.0 - cos(2.0 * math.pi * phase))
+        gust = p.peak * usual
+        for k, name in enumerate(self._shapes, start=1):
+            # Less what it has in the middle of a gust that passes: the peak stays the speed there.
+            middle = 0.0 if self.lasting else (0.0, 1.0, 0.0, -1.0)[k]
+            gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
+        return {"gust": gust / vehicle.airspeed}
+
+    def finer(self) -> Effect:
+        """The same with a freer course."""
+        return replace(self, fine=True)
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -59,7 +88,7 @@ class GustDiscrete:
     def probes(self, occasion: Occasion) -> Sequence[Probe]:
         """Slope by the peak of a gust at the record's begin, for some durations; a later start only shifts it."""
         durations = [duration for duration in DURATIONS if 4.0 * occasion.interval <= duration <= 0.5 * occasion.duration]
-        return tuple(Probe({"peak": 0.0, "start": occasion.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
+        return tuple(Probe({**self.absent, "start": occasion.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
 
 
 VARIANTS: tuple[Effect, ...] = (GustDiscrete(), GustDiscrete(lasting=True))

@@ -1,0 +1,36 @@
+"""A control surface that loses power at large deflections: another form than the library's spline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Regularity, Signal, Station
+from sim.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class WeakeningControl:
+    """The elevator works like d - ``cubic`` d^3 (1/rad2), in lift and in moment."""
+
+    name: ClassVar[str] = "own:weakening-control"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("cubic", 50.0, "1/rad2"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"cubic": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("control-nonlinearity",)
+    states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = "The gap of the elevator opens as it deflects: each further degree turns the flow by less."
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        lost = -p.cubic * s.elevator**3
+        return {"moment": vehicle.Cm_de * lost, "lift": vehicle.CL_de * lost}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+
+TERM = WeakeningControl()
