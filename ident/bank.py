@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ident.bank_pass import BankHistory, BankPass, BankRuns, run_pass
+from ident.bank_data import BankHistory, BankPass, BankRuns
+from ident.bank_pass import run_pass
 from ident.ekf import SETTLED, FilterSettings
 from ident.setup import FilterProblem, filter_problem
 from sim.errors import ModelError

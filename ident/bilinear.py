@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.maths import complex_step_jacobian
+from sim.maths import COMPLEX_STEP
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIALS, _AGREEMENT = 12, 1e-10
@@ -47,19 +47,21 @@ def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear |
     """The table of a function of ``n`` states and parameters, the states first, then ``inputs``; None if it is not bilinear.
 
     Bilinear: at most a product of two entries in each term, never of two states or inputs. Both are found out by trial: the table is
-    held against the function at points whose entries lie between a thousandth and a thousand in magnitude.
+    held against the function at points whose entries lie between a thousandth and a thousand in magnitude. The function is called
+    with arrays of points; one that cannot take them is not bilinear.
     """
     size = n + inputs
     with np.errstate(all="ignore"):
         try:
-            constant = np.array([float(value) for value in function([0.0] * size)])
-            at_rest = complex_step_jacobian(function, [0.0] * size)
-            twice = np.stack([complex_step_jacobian(function, row) - at_rest for row in np.eye(size).tolist()], axis=2)
-        except ArithmeticError:
-            return None
-        table = Bilinear(n, _table(constant, at_rest, twice, n))
-        moving = [*range(states), *range(n, size)]
-        if np.any(twice[:, moving][:, :, moving]) or not _agrees(function, table):
+            # At rest, and with one entry after the other at one.
+            values, slopes = _values_and_slopes(function, np.column_stack([np.zeros(size), np.eye(size)]))
+            constant, at_rest = values[:, 0], slopes[:, :, 0]
+            twice = slopes[:, :, 1:] - at_rest[:, :, None]
+            table = Bilinear(n, _table(constant, at_rest, twice, n))
+            moving = [*range(states), *range(n, size)]
+            if np.any(twice[:, moving][:, :, moving]) or not _agrees(function, table):
+                return None
+        except (ArithmeticError, TypeError, ValueError):
             return None
     return table
 
@@ -76,14 +78,20 @@ def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int)
 def _agrees(function: Function, table: Bilinear) -> bool:
     rng = np.random.default_rng(0)
     n, width = table.n, len(table.table)
-    for _ in range(_TRIALS):
-        point = rng.choice([-1.0, 1.0], width - 1) * 10.0 ** rng.uniform(-3.0, 3.0, width - 1)
-        w = np.append(1.0, point)
-        found = table.at(w[None])[0]
-        terms = (np.abs(w) @ np.abs(table.table)).reshape(-1, n + width)
-        largest = np.column_stack([terms[:, :n], terms[:, n:] @ np.abs(w)])  # of what was added up
-        direct = np.array([float(value) for value in function(point.tolist())])
-        exact = np.column_stack([complex_step_jacobian(function, point.tolist())[:, :n], direct])
-        if not np.all(np.abs(found - exact) <= _AGREEMENT * largest):
-            return False
-    return True
+    points = rng.choice([-1.0, 1.0], (width - 1, _TRIALS)) * 10.0 ** rng.uniform(-3.0, 3.0, (width - 1, _TRIALS))
+    w = np.vstack([np.ones(_TRIALS), points]).T
+    terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIALS, -1, n + width)
+    largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)  # of what was added up
+    values, slopes = _values_and_slopes(function, points)
+    exact = np.concatenate([slopes[:, :n], values[:, None]], axis=1).transpose(2, 0, 1)
+    return bool(np.all(np.abs(table.at(w) - exact) <= _AGREEMENT * largest))
+
+
+def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by complex steps in one call."""
+    size, count = points.shape
+    out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
+    found = np.empty((len(out), size, count), dtype=complex)
+    for i, value in enumerate(out):
+        found[i] = value
+    return found[:, 0].real.copy(), found.imag / COMPLEX_STEP

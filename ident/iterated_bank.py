@@ -11,7 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.bank import BankEstimate, bank_estimate, bank_runs
-from ident.bank_pass import BankTrace, empty_trace, run_pass
+from ident.bank_data import BankTrace, empty_trace
+from ident.bank_pass import run_pass
 from ident.ekf import SETTLED, FilterSettings
 from sim.record import Record
 from sim.system import System

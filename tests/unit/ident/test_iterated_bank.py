@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ident.bank import bank_runs
-from ident.bank_pass import empty_trace, run_pass
+from ident.bank_data import empty_trace
+from ident.bank_pass import run_pass
 from ident.ekf import FilterSettings, run_ekf
 from ident.iterated import run_iterated_ekf
 from ident.iterated_bank import run_iterated_bank, smoothed
