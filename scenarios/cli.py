@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+# Threads of the linear algebra that NumPy may have been built with: matrices here are small, and more than one only waits for another.
+_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 app = typer.Typer(
     name="flightid",
@@ -167,6 +171,8 @@ def vehicles(
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 1 anything else."""
+    for name in _THREADS:
+        os.environ.setdefault(name, "1")  # read when NumPy is loaded, by the command itself
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:

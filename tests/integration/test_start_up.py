@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from scenarios.cli import main
+
 ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "scipy", "control", "filterpy", "matplotlib", "pandas", "pint", "rich")  # typer itself may bring pydantic
 
@@ -69,3 +71,17 @@ def test_a_closed_pipe_is_no_traceback() -> None:
         assert running.stdout is not None and running.stderr is not None
         running.stdout.close()
         assert "Traceback" not in running.stderr.read()
+
+
+def test_linear_algebra_gets_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert "Usage" in capsys.readouterr().out
+    assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]) == ("1", "3")
+
+
+def test_the_process_for_figures_is_started_before_numpy_is_loaded() -> None:
+    done = process("import sys, scenarios.commands.diagnose; print([name for name in ('numpy', 'pydantic') if name in sys.modules])")
+    assert done.stdout == "[]\n", done.stderr
