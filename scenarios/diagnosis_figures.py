@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
@@ -32,22 +37,32 @@ class Pictured:
     held_out: bool
 
 
-def draw_diagnosis(pictured: Pictured, folder: Path) -> None:
-    """Draw all figures into ``folder`` as PNG files."""
-    from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra
+def draw_diagnosis(pictured: Pictured, folder: Path, part: slice = slice(None)) -> None:
+    """Draw all figures, or a part of them, into ``folder`` as PNG files."""
     from scenarios.plots.files import save_figure
 
-    kind = "held out" if pictured.held_out else "fitted"
+    for stem, make in figures_of(pictured)[part]:
+        save_figure(make(), folder, stem)
+
+
+def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
+    """File stems of all figures, and what makes each."""
+    from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra
+
+    kind, noise = "held out" if pictured.held_out else "fitted", pictured.noise
+    out: list[tuple[str, Callable[[], Figure]]] = []
     for number, prediction in enumerate(pictured.predictions):
         title = f"{prediction.record.name} ({kind}): measured and predicted"
-        save_figure(figure_held_out(prediction, pictured.noise, title), folder, numbered("held_out", number))
+        out.append((numbered("held_out", number), partial(figure_held_out, prediction, noise, title)))
     for number, fitted in enumerate(pictured.fitted):
-        save_figure(figure_residuals(fitted, pictured.noise, f"{fitted.record.name}: residuals"), folder, numbered("residuals", number))
-        save_figure(figure_spectra(fitted, pictured.noise, f"{fitted.record.name}: spectra of the residuals"), folder, numbered("spectra", number))
+        name = fitted.record.name
+        out.append((numbered("residuals", number), partial(figure_residuals, fitted, noise, f"{name}: residuals")))
+        out.append((numbered("spectra", number), partial(figure_spectra, fitted, noise, f"{name}: spectra of the residuals")))
     if pictured.candidates:
-        save_figure(figure_evidence(pictured.candidates, pictured.claimed, "Evidence"), folder, "evidence")
+        out.append(("evidence", partial(figure_evidence, pictured.candidates, pictured.claimed, "Evidence")))
     if pictured.before:
-        save_figure(figure_derivatives(pictured.before, pictured.after, "Derivatives"), folder, "derivatives")
+        out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
+    return out
 
 
 def numbered(stem: str, number: int) -> str:

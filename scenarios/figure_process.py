@@ -1,26 +1,22 @@
 """Figures drawn by a second process, which loads the plotting library while the search still runs.
 
-Loading it takes as long as many a diagnosis. Numbers go to it as NumPy's own array format and JSON; it answers with PNG files.
+Loading it takes as long as many a diagnosis. It is started before this process has loaded NumPy, and answers with PNG files.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
-import json
+import gc
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis_figures import Pictured, draw_diagnosis
-from sim.record import Channel, Hold, Record
+if TYPE_CHECKING:
+    from scenarios.diagnosis_figures import Pictured
 
 Process = subprocess.Popen[bytes]
 
@@ -50,6 +46,9 @@ def figure_process(wanted: bool) -> Iterator[Process | None]:
 @contextmanager
 def drawing(pictured: Pictured, folder: Path, process: Process | None) -> Iterator[None]:
     """While the body runs, the process draws all figures into ``folder``; on leaving they are there, drawn here if it failed."""
+    from scenarios.diagnosis_figures import draw_diagnosis
+    from scenarios.figure_handover import packed
+
     sent = process is not None and process.poll() is None and _sent(process, packed(pictured, folder))
     yield
     if not sent or process is None or process.wait() != 0:
@@ -66,67 +65,11 @@ def _sent(process: Process, content: bytes) -> bool:
     return True
 
 
-def packed(pictured: Pictured, folder: Path) -> bytes:
-    """Everything the figures need as one line of JSON, in which arrays are numbers, and the arrays behind it."""
-    arrays: list[np.ndarray] = []
-
-    def kept(array: np.ndarray) -> int:
-        arrays.append(np.asarray(array))
-        return len(arrays) - 1
-
-    def channels(some: tuple[Channel, ...]) -> list[Any]:
-        return [[c.name, c.unit, kept(c.values), kept(c.valid)] for c in some]
-
-    def record(r: Record) -> dict[str, Any]:
-        return {"time": kept(r.time), "inputs": channels(r.inputs), "outputs": channels(r.outputs), "hold": r.hold.value, "name": r.name}
-
-    head = {
-        "folder": str(folder),
-        "fitted": [[record(f.record), f.channels, kept(f.before), kept(f.after), kept(f.used)] for f in pictured.fitted],
-        "predictions": [[record(p.record), p.channels, kept(p.before), kept(p.after)] for p in pictured.predictions],
-        "candidates": [[c.round, c.within, c.name, c.gain, c.p_value, c.fitted, c.plausible] for c in pictured.candidates],
-        "before": _quantities(pictured.before),
-        "after": _quantities(pictured.after),
-        "noise": dict(pictured.noise),
-        "claimed": pictured.claimed,
-        "held_out": pictured.held_out,
-    }
-    stream = io.BytesIO()
-    stream.write(json.dumps(head).encode() + b"\n")
-    for array in arrays:
-        np.save(stream, array, allow_pickle=False)
-    return stream.getvalue()
-
-
-def unpacked(content: bytes) -> tuple[Pictured, Path]:
-    """What ``packed`` was given."""
-    stream = io.BytesIO(content)
-    head = json.loads(stream.readline())
-    arrays: list[np.ndarray] = []
-    while stream.tell() < len(content):
-        arrays.append(np.load(stream, allow_pickle=False))
-
-    def channels(some: list[Any]) -> tuple[Channel, ...]:
-        return tuple(Channel(name, unit, arrays[values], arrays[valid]) for name, unit, values, valid in some)
-
-    def record(r: dict[str, Any]) -> Record:
-        return Record(arrays[r["time"]], channels(r["inputs"]), channels(r["outputs"]), Hold(r["hold"]), r["name"])
-
-    pictured = Pictured(
-        tuple(FittedRecord(record(r), tuple(names), arrays[b], arrays[a], arrays[u]) for r, names, b, a, u in head["fitted"]),
-        tuple(Prediction(record(r), tuple(names), arrays[b], arrays[a]) for r, names, b, a in head["predictions"]),
-        tuple(Candidate(n, tuple(within), name, gain, p, fit, fair, {}) for n, within, name, gain, p, fit, fair in head["candidates"]),
-        {name: Quantity(*parts) for name, parts in head["before"].items()},
-        {name: Quantity(*parts) for name, parts in head["after"].items()},
-        head["noise"],
-        tuple(head["claimed"]),
-        head["held_out"],
-    )
-    return pictured, Path(head["folder"])
-
-
 def main() -> None:
     """Load, warm up, wait for what to draw, draw it; end silently where nothing comes."""
+    gc.disable()  # a process of a second: looking for garbage would take a tenth of it
+    from ident.tracing.diagnosis import Quantity
+    from scenarios.figure_handover import unpacked
     from scenarios.plots.diagnosis import figure_derivatives
     from scenarios.plots.files import figure_png
 
@@ -134,11 +77,27 @@ def main() -> None:
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure
     content = sys.stdin.buffer.read()
     if content:
-        draw_diagnosis(*unpacked(content))
+        draw_together(*unpacked(content))
 
 
-def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:
-    return {name: [q.value, q.std, q.unit] for name, q in some.items()}
+def draw_together(pictured: Pictured, folder: Path) -> None:
+    """Draw all figures, every other one by a fork where there is such a thing: the process that waits for them leaves a core idle."""
+    from scenarios.diagnosis_figures import draw_diagnosis
+
+    if not hasattr(os, "fork"):
+        draw_diagnosis(pictured, folder)
+        return
+    helper = os.fork()
+    if helper == 0:
+        failed = 1
+        try:
+            draw_diagnosis(pictured, folder, slice(1, None, 2))
+            failed = 0
+        finally:
+            os._exit(failed)
+    draw_diagnosis(pictured, folder, slice(0, None, 2))
+    if os.waitpid(helper, 0)[1] != 0:
+        draw_diagnosis(pictured, folder, slice(1, None, 2))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.diagnosing import diagnose_files
-from scenarios.diagnosis_text import diagnosis_text
 from scenarios.figure_process import figure_process
 from scenarios.progress import progress_bar
 
@@ -25,6 +23,10 @@ def diagnose_records(
 ) -> None:
     """Read, trace, write the study, print."""
     with figure_process(figures and out is not None) as process, progress_bar() as progress:
+        # Loaded while the second process already starts.
+        from scenarios.diagnosing import diagnose_files
+        from scenarios.diagnosis_text import diagnosis_text
+
         tracing = diagnose_files(records, model, vehicle, validate, effects, channels, start, stop, progress)
         if out is not None:
             from scenarios.diagnosis_files import write_diagnosis

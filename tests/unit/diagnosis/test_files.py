@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,8 @@ import pytest
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis_files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
-from scenarios.figure_process import drawing, figure_process, packed, unpacked
+from scenarios.figure_handover import packed, unpacked
+from scenarios.figure_process import draw_together, drawing, figure_process
 from tests.diagnoses import BALLISTIC, LOES, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
@@ -138,6 +140,19 @@ def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> Non
     with dead, drawing(picture, tmp_path, dead):
         pass
     assert {entry.name for entry in tmp_path.iterdir()} == {"evidence.png", "derivatives.png"}
+
+
+def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = replace(pictured(tracing_of(Verdict.CONSISTENT, count=60)), predictions=(), fitted=())
+    gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
+    monkeypatch.setattr(os, "fork", lambda: gone.pid)
+    for fork in (True, False):
+        if not fork:
+            monkeypatch.delattr(os, "fork")
+        (tmp_path / str(fork)).mkdir()
+        draw_together(picture, tmp_path / str(fork))
+        assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {"evidence.png", "derivatives.png"}
+    gone.returncode = 1  # it was waited for
 
 
 def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
