@@ -2,10 +2,10 @@
 
     python benchmarks/watch.py [--seconds N] [--rounds N]
 
-The stream is the flight-like airframe's record, again and again with the time going on. `bank, rows that wait` takes a second of data at a time, as
+The stream is the flight-like airframe's record, again and again with the time going on. `bank, rows that wait` takes as many rows at a time as
 `watch` does when it is behind; `bank, row by row` calls it for each row. `lines to history` is all that happens while a stream is
 followed: parsing, order, bank, history on disk, a line a second. Starting and the refinement at the end are not in it. Times
-are wall times, the best and the median of the rounds; set OPENBLAS_NUM_THREADS=1 and mind what else the machine does.
+are those of the processor, which wait for nothing else on the machine; the best and the median of the rounds. Set OPENBLAS_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from ident.bank import run_bank
 from ident.delay_bank import DELAYS
 from ident.online_bank import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
-from scenarios.commands.watch import _by_second, _prepared, _rows_in, _session, _Show, _written
+from scenarios.commands.watch import TOGETHER, _pieces, _prepared, _rows_in, _session, _Show, _written
 from scenarios.files.writing import write_record
 from scenarios.loes_filter import PAPER_START, loes_filter_system
 from scenarios.watching.history import History
@@ -74,18 +74,19 @@ def follow(record: Record) -> float:
         show = _Show(watch)
         with growing_file(path, until_end=True) as read, History(Path(folder)) as history:
             for came in lines_of(read, None, "stream"):
-                for piece in _by_second(_rows_in(watch, came)):
+                came_in = _rows_in(watch, came)
+                for piece in _pieces(watch.session, came_in):
                     steps = take(_session(watch), piece)
                     _written(history, _session(watch), steps)
-                    show()
-                    begun = begun or (time.perf_counter() if steps else 0.0)
-            return time.perf_counter() - begun
+                    show(steps)
+                    begun = begun or (time.process_time() if steps else 0.0)
+            return time.process_time() - begun
 
 
 def timed(work: Callable[[], object]) -> float:
-    begun = time.perf_counter()
+    begun = time.process_time()
     work()
-    return time.perf_counter() - begun
+    return time.process_time() - begun
 
 
 def main() -> None:
@@ -102,7 +103,7 @@ def main() -> None:
     times: dict[str, list[float]] = {"batched bank": [], "bank, rows that wait": [], "bank, row by row": [], "lines to history": []}
     for _ in range(given.rounds):
         times["batched bank"].append(timed(lambda: run_bank(record, system, held=held)) / len(record))
-        times["bank, rows that wait"].append(timed(lambda: online(bank, rows, round(RATE))) / len(record))
+        times["bank, rows that wait"].append(timed(lambda: online(bank, rows, TOGETHER)) / len(record))
         times["bank, row by row"].append(timed(lambda: online(bank, some, 1)) / ROW_BY_ROW)
         times["lines to history"].append(follow(record) / (len(record) - 2.0 * RATE))
     reference = statistics.median(times["batched bank"])
@@ -110,7 +111,7 @@ def main() -> None:
     for name, seconds in times.items():
         best, median = 1.0 / min(seconds), 1.0 / statistics.median(seconds)
         print(f"{name:22s} {median:7.0f} rows/s, best {best:7.0f}; {median / RATE:5.0f} times 40 Hz; {reference * median:5.2f} x the batch")
-    found, expected = bank_estimate(bank, online(bank, rows, round(RATE))), run_bank(record, system, held=held)
+    found, expected = bank_estimate(bank, online(bank, rows, TOGETHER)), run_bank(record, system, held=held)
     print(f"largest difference from the batch {np.max(np.abs(found.mean - expected.mean) / expected.std):.1e} sigma")
 
 

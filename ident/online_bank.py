@@ -75,11 +75,12 @@ class BankState(NamedTuple):
 class OnlineBank:
     """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its equations, and the start.
 
-    ``names`` are the ``n`` states and free parameters; ``gate`` is in standard deviations, ``interval`` in s.
+    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``gate`` is in standard deviations, ``interval`` in s.
     """
 
     system: System
     names: tuple[str, ...]
+    units: tuple[str, ...]
     delays: np.ndarray
     p: list[Any]
     tables: Tables
@@ -132,7 +133,8 @@ def online_bank(system: System, interval: float, delays: Sequence[float] = DELAY
     p: list[Any] = list(held)
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
-    return OnlineBank(system, (*system.state_names, *free_names), grid, p, tables, start, np.diag(np.square(std)), gate, interval)
+    units = tuple(system.parameters[each].unit for each in free_names)
+    return OnlineBank(system, (*system.state_names, *free_names), units, grid, p, tables, start, np.diag(np.square(std)), gate, interval)
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:

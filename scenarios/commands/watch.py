@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from ident.online_bank import BankState
 from scenarios.files.channels import ColumnChoice
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
@@ -28,6 +29,7 @@ PIPE = "-"
 MODELS = ("loes",)
 FILE_IDLE = 5.0  # s; a pipe says by itself when it ends
 REFINED_ROWS = 6000  # two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
+TOGETHER = 200  # rows that are filtered before they are written and shown: a few hundredths of a second
 REFRESH = 0.25  # s between two drawings of the live table
 
 
@@ -109,11 +111,12 @@ def _follow(watch: _Watch, lines: Iterator[Lines], history: History | None) -> N
     with _display(watch) as show:
         try:
             for came in lines:
-                for piece in _by_second(_rows_in(watch, came)):
+                rows = _rows_in(watch, came)
+                for piece in _pieces(watch.session, rows):
                     steps = take(_session(watch), piece)
                     _written(history, _session(watch), steps)
-                    show()
-                show()
+                    show(steps)
+                show([])
                 if came.unfinished and watch.header is not None:
                     watch.line += 1
                     _report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
@@ -146,11 +149,19 @@ def _rows_in(watch: _Watch, came: Lines) -> np.ndarray:
     return rows
 
 
-def _by_second(rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they came."""
-    if rows.size:
-        cuts = np.flatnonzero(np.diff(np.floor(rows[0]))) + 1
-        yield from np.split(rows, cuts, axis=1)
+def _pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
+    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they came: one second at a time until
+    the filter has started, later as many as ``TOGETHER`` holds."""
+    if session is None or not rows.size:
+        return
+    cuts = [*(np.flatnonzero(np.diff(np.floor(rows[0]))) + 1).tolist(), rows.shape[1]]
+    first = 0
+    while first < rows.shape[1]:
+        ahead = [cut for cut in cuts if cut > first]
+        fitting = [cut for cut in ahead if cut <= first + TOGETHER] if session.bank is not None else []
+        last = max(fitting, default=ahead[0])
+        yield rows[:, first:last]
+        first = last
 
 
 def _session(watch: _Watch) -> Session:
@@ -177,13 +188,15 @@ def _report(watch: _Watch, faults: list[Fault]) -> None:
             watch.mended += 1
 
 
-def _view(watch: _Watch, session: Session) -> View:
-    bank, state = session.bank, session.state
+def _view(watch: _Watch, session: Session, state: BankState | None = None, spikes: int | None = None) -> View:
+    """The stream at a state of the bank, the last when None."""
+    bank, state = session.bank, session.state if state is None else state
     assert bank is not None and state is not None
     estimate, weights, delay = likely_estimate(bank, state)
     items = standings(estimate, derived_of_session(session, estimate, delay), watch.reference)
     silent = time.monotonic() - watch.heard
-    return View(watch.name, state.time, session.rows, watch.left_out, session.spikes, items, bank.delays, weights, silent, bool(state.sound.any()))
+    spikes = session.spikes if spikes is None else spikes
+    return View(watch.name, state.time, state.rows_seen, watch.left_out, spikes, items, bank.delays, weights, silent, bool(state.sound.any()))
 
 
 class _Show:
@@ -198,18 +211,24 @@ class _Show:
         terminal = console()
         self.live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
 
-    def __call__(self) -> None:
+    def __call__(self, steps: Sequence[Step]) -> None:
+        """Show the last state, or a line for the last of ``steps`` in each second."""
         session = self._watch.session
         if session is None or session.state is None:
             return
-        now = time.monotonic()
         if self.live is not None:
+            now = time.monotonic()
             if now - self._drawn >= REFRESH:
                 self._drawn = now
                 self.live.update(live_table(_view(self._watch, session)), refresh=True)
-        elif np.floor(session.state.time) > self._said:
-            self._said = float(np.floor(session.state.time))
-            print(view_line(_view(self._watch, session)), flush=True)
+            return
+        # Of those that were collected before the filter started only the last counts.
+        told = list(steps)[-1:] if self._said == -np.inf else steps
+        seconds = [int(np.floor(step.row[0])) for step in told]
+        for step, second, after in zip(told, seconds, [*seconds[1:], None], strict=False):
+            if second > self._said and second != after:
+                self._said = second
+                print(view_line(_view(self._watch, session, step.state, step.spikes)), flush=True)
 
 
 @contextmanager

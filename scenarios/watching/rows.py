@@ -88,23 +88,22 @@ def read_lines(header: Header, lines: Sequence[bytes], first: int) -> tuple[np.n
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
-    places = [-1 if column is None else column.index for column in header.columns]
+    present = [row for row, column in enumerate(header.columns) if column is not None]
+    places = [column.index for column in header.columns if column is not None]
     values: list[list[float]] = []
     numbers: list[int] = []
     faults: list[Fault] = []
     for number, line in enumerate(lines, start=first):
-        if not line.strip():
-            continue
         try:
-            text = line.decode("ascii")
-            cells = next(csv.reader([text])) if '"' in text else text.split(",")
-            if len(cells) != header.width:
-                raise ValueError(f"{len(cells)} cells under a header of {header.width}")
-            values.append([_number(cells[place]) if place >= 0 else math.nan for place in places])
-            numbers.append(number)
+            found = _plain(line, places, header.width) or _careful(line, places, header.width)
         except (ValueError, csv.Error) as error:
             faults.append(Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error)))
-    table = np.array(values, dtype=float).reshape(-1, len(places)).T
+            continue
+        if found:
+            values.append(found)
+            numbers.append(number)
+    table = np.full((len(header.columns), len(values)), math.nan)
+    table[present] = np.array(values, dtype=float).reshape(-1, len(places)).T
     for row, (column, channel) in enumerate(zip(header.columns, (TIME, *INPUTS, *OUTPUTS), strict=True)):
         if column is not None and channel != STICK:
             table[row] = to_si(table[row], column.unit, CHANNEL_UNITS[channel], column_place(header.name, column))
@@ -117,6 +116,8 @@ def in_order(table: np.ndarray, numbers: Sequence[int], order: Order) -> tuple[n
     A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD`` later than the last waits until
     the next is later still, else it is left out. A missing stick holds its last value; before there is one, the row is left out.
     """
+    if _goes_on(table, order):
+        return table, [], order._replace(time=float(table[0, -1]), stick=float(table[1, -1]))
     kept: list[np.ndarray] = []
     faults: list[Fault] = []
     for row, number in zip(table.T, numbers, strict=True):
@@ -159,6 +160,14 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
     return np.array(kept, dtype=float).reshape(-1, height).T, faults, order
 
 
+def _goes_on(table: np.ndarray, order: Order) -> bool:
+    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time or stick says no."""
+    if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
+        return False
+    steps = np.diff(table[0], prepend=order.time)
+    return bool(np.all((steps > 0.0) & (steps <= AHEAD)) and not np.isnan(table[1]).any())
+
+
 def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]) -> Order:
     if math.isnan(row[1]):
         if math.isnan(order.stick):
@@ -169,6 +178,29 @@ def _accept(row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], 
         faults.append(Fault(number, "the stick is missing, the last one holds", left_out=False))
     kept.append(row)
     return order._replace(time=float(row[0]), stick=float(row[1]))
+
+
+def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
+    """The numbers of a line that holds nothing else, None for any other: nearly all lines are of this sort, and it is three times as fast."""
+    cells = line.split(b",")
+    if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
+        return None
+    try:
+        found = [float(cells[place]) for place in places]
+    except ValueError:
+        return None
+    return found if max(found) <= LARGEST and min(found) >= -LARGEST else None
+
+
+def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
+    """The numbers of a line, NaN where a cell is empty, none of an empty line; ValueError or csv.Error says what else it is."""
+    if not line.strip():
+        return []
+    text = line.decode("ascii")
+    cells = next(csv.reader([text])) if '"' in text else text.split(",")
+    if len(cells) != width:
+        raise ValueError(f"{len(cells)} cells under a header of {width}")
+    return [_number(cells[place]) for place in places]
 
 
 def _number(cell: str) -> float:

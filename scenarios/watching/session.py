@@ -30,10 +30,11 @@ _UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
 class Step(NamedTuple):
-    """A row of the stream and the bank's state after it."""
+    """A row of the stream, the bank's state after it, and how many spikes were left out by then."""
 
     row: np.ndarray
     state: BankState
+    spikes: int
 
 
 @dataclass
@@ -120,14 +121,15 @@ def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.nd
     """The most likely filter's parameters, the likelihood weights ``(B,)``, and the weighted delay with its deviation (s)."""
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
-    units = tuple(bank.system.parameters[name].unit for name in names)
     P = state.covariance[best, n_x:, n_x:]
     outcome = Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     weights = likelihood_weights(log_likelihood)
     std = np.sqrt(np.diag(bank.R))
     likely = float(state.log_likelihood[best])
-    estimate = Estimate("online", names, units, state.mean[n_x:, best].copy(), 0.5 * (P + P.T), outcome, likely, bank.system.output_names, std, ())
+    estimate = Estimate(
+        "online", names, bank.units, state.mean[n_x:, best].copy(), 0.5 * (P + P.T), outcome, likely, bank.system.output_names, std, ()
+    )
     return estimate, weights, mean_delay(bank.delays, weights)
 
 
@@ -149,8 +151,10 @@ def _filter(session: Session, block: np.ndarray) -> list[Step]:
         rows = Rows(*(part[..., 1:] for part in rows))
     states += advance(bank, states[-1] if session.state is None else session.state, rows)
     session.state = states[-1]
+    steps = []
     for column, state in enumerate(states):
         if state.skipped.any():
             block[2:, column][state.skipped] = np.nan
             session.spikes += int(state.skipped.sum())
-    return [Step(block[:, column], state) for column, state in enumerate(states)]
+        steps.append(Step(block[:, column], state, session.spikes))
+    return steps

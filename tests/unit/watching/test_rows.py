@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.records import read_record
 from scenarios.watching.lines import Lines, lines_of
-from scenarios.watching.rows import LOST, Header, Order, at_end, in_order, read_header, read_lines
+from scenarios.watching.rows import LOST, Header, Order, _careful, _plain, at_end, in_order, read_header, read_lines
 from sim.errors import RecordError
 
 PLAIN = read_header(b"time,stick,alpha,q,nz", "stream")
@@ -80,6 +80,14 @@ def test_a_bad_line_is_left_out_and_told(line: str, word: str) -> None:
     kept, faults, _ = rows(f"-0.05,0,0,0,0\n0,0,0,0,0\n{line}\n0.2,0,0,0,0")
     np.testing.assert_array_equal(kept[0], [-0.05, 0.0, 0.2])
     assert faults == [(4, word)]
+
+
+@given(st.lists(st.one_of(st.floats().map(repr), st.text('0123456789.+-eEinfa_ \t"x\u0663', max_size=6)), min_size=4, max_size=6))
+def test_plain_lines_are_read_as_all_others_are(cells: list[str]) -> None:
+    line = ",".join(cells).encode()
+    found = _plain(line, (0, 2, 3), 5)
+    if found is not None:
+        np.testing.assert_array_equal(found, _careful(line, (0, 2, 3), 5))
 
 
 def test_missing_samples_and_sticks() -> None:
