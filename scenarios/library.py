@@ -13,7 +13,7 @@ from scenarios.files.declarations import closest, read_toml
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
-KINDS = (IDENTIFICATION, "trace", "x29")
+KINDS = (IDENTIFICATION, "trace", "standin", "x29")
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.commands.failures import named_after
+from scenarios.commands.standin import simulate_standin, standin_runner
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -105,17 +106,26 @@ def _loop(name: str, changes: Sequence[str]) -> Run:
     return run
 
 
-_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {"identification": _identification, "trace": _trace, "x29": _loop}
+_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {
+    "identification": _identification,
+    "trace": _trace,
+    "standin": standin_runner,
+    "x29": _loop,
+}
 
 
 def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
     """Write the record of a scenario, its truth left out."""
     from scenarios.files.writing import write_record
+    from scenarios.library import scenario_kind
 
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
-    record = _record(name, seed, changes)
     try:
+        if scenario_kind(name) == "standin":
+            simulate_standin(name, out, seed, changes)
+            return
+        record = _record(name, seed, changes)
         out.parent.mkdir(parents=True, exist_ok=True)
         write_record(out.parent, record, out.stem)
     except OSError as error:

@@ -1,0 +1,50 @@
+"""`flightid run`, `simulate` and `campaign` of stand-ins for measured flights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from scenarios.commands.failures import named_after
+
+
+def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, Path | None, bool], None]:
+    """A stand-in that is loaded and can be run."""
+    from scenarios.library import load_document, scenario_file
+    from scenarios.standin.schema import standin_of
+
+    standin = standin_of(*load_document(name, changes))
+
+    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
+        from scenarios.progress import progress_bar
+        from scenarios.standin.study import run_standin
+        from scenarios.standin.text import standin_text
+
+        with named_after(scenario_file(name)), progress_bar() as progress:
+            study = run_standin(standin, seed, progress)
+        if folder is not None:
+            from scenarios.standin.files import write_standin
+
+            write_standin(study, folder, figures=figures)
+        print(standin_text(study), end="")
+        if folder is not None:
+            print(f"written to {folder}; begin with {folder / 'report.html'}")
+
+    return run
+
+
+def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
+    """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., the truth left out."""
+    from scenarios.files.writing import write_record
+    from scenarios.library import load_document, scenario_file
+    from scenarios.standin.flight import fly_standin
+    from scenarios.standin.schema import standin_of
+
+    standin = standin_of(*load_document(name, changes))
+    with named_after(scenario_file(name)):
+        flight = fly_standin(standin, standin.seed if seed is None else seed)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    names = [f"{out.stem}_{number}" for number in range(1, len(flight.records) + 1)]
+    for stem, record in zip(names, flight.records, strict=True):
+        write_record(out.parent, record, stem)
+    print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv")

@@ -1,0 +1,1 @@
+"""Flights that look measured: filtered, coloured, scattered, drifting; on top one dominant effect, two, or none."""
