@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from pathlib import Path
@@ -183,6 +184,8 @@ def main(arguments: list[str] | None = None) -> None:
         from scenarios.commands.failures import report
 
         raise SystemExit(report(error)) from None
+    if arguments is None:
+        gc.freeze()  # the process ends: nothing is worth the tenth of a second that a last search for garbage takes
     raise SystemExit(code if isinstance(code, int) else 0)
 
 

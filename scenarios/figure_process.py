@@ -67,7 +67,7 @@ def _sent(process: Process, content: bytes) -> bool:
 
 def main() -> None:
     """Load, warm up, wait for what to draw, draw it; end silently where nothing comes."""
-    gc.disable()  # a process of a second: looking for garbage would take a tenth of it
+    gc.disable()  # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
     from ident.tracing.diagnosis import Quantity
     from scenarios.figure_handover import unpacked
     from scenarios.plots.diagnosis import figure_derivatives
@@ -78,6 +78,7 @@ def main() -> None:
     content = sys.stdin.buffer.read()
     if content:
         draw_together(*unpacked(content))
+    gc.freeze()
 
 
 def draw_together(pictured: Pictured, folder: Path) -> None:
