@@ -63,3 +63,24 @@ def _filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.nda
     kernel[size - lags :] = covariance[:0:-1]
     smooth = np.fft.irfft(np.fft.rfft(sensitivity, size, axis=0) * np.fft.rfft(kernel)[:, None], size, axis=0)[:n]
     return sensitivity.T @ smooth
+
+
+def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:
+    """Share of the samples that count as independent where squares of residuals are compared, 0 to 1.
+
+    1/(1 + 2 sum rho_k^2) over a fifth of the record, rho the residual's correlation (Bartlett, 1946), the mean over channels and records
+    by their samples. Residuals and validity ``(m, N)`` a record; missing samples count as zero.
+    """
+    weight, total = 0.0, 0.0
+    for residual, mask in zip(residuals, valid, strict=True):
+        for row, known in zip(residual, mask, strict=True):
+            count = float(np.count_nonzero(known))
+            if count < 10 or not np.any(row[known]):
+                continue
+            lags = max(5, len(row) // 5)
+            covariance = autocovariance(np.where(known, row, 0.0), lags)
+            rho = covariance[1:] / covariance[0]
+            # White noise has squares of 1/N at every lag, which are no correlation.
+            excess = max(0.0, float(np.sum(rho**2)) - lags / count)
+            weight, total = weight + count, total + count / (1.0 + 2.0 * excess)
+    return total / weight if weight > 0 else 1.0

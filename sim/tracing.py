@@ -24,7 +24,7 @@ class Occasion:
     state_peak : largest magnitude of each measured state or output, in its unit.
     flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range`` falls back on the peaks.
     residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
-    airspeed : m/s, where the model has one.
+    airspeed : m/s, where the model has one. values : parameters of the model as fitted, by name.
     """
 
     begin: float
@@ -36,6 +36,7 @@ class Occasion:
     flown: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     residual_peaks: tuple[float, ...] = ()
     airspeed: float = 0.0
+    values: Mapping[str, float] = field(default_factory=lambda: _NONE)
 
     @property
     def duration(self) -> float:

@@ -43,8 +43,14 @@ def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] 
     shared = node.values.shared
     frozen = _fit_other(node, records, masks, shared, None)
     if not informed:
-        return HeldOut(frozen, None)
-    return HeldOut(frozen, _fit_other(node, records, masks, shared, training_prior(node)))
+        return HeldOut(None if frozen is None else frozen.fit, None)
+    freer = _fit_other(node, records, masks, shared, training_prior(node))
+    if freer is not None and any(belongs_to_record(effect) for effect in node.effects):
+        # Where the freer fit found an event, the frozen one may have missed it.
+        again = _fit_set(node, node.effects, records, masks, shared, None, freer, {})
+        tries = [each for each in (frozen, again) if each is not None]
+        frozen = min(tries, key=lambda each: each.fit.cost, default=None)
+    return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
 
 
 def with_held_out_change(
@@ -87,7 +93,7 @@ def doubted(out: HeldOut) -> bool:
 
 def _fit_other(
     node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] | None, shared: Mapping[str, float], prior: Prior | None
-) -> Fit | None:
+) -> Node | None:
     """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
     own = [effect for effect in node.effects if belongs_to_record(effect)]
     present = [effect for effect in node.effects if not belongs_to_record(effect)]
@@ -99,7 +105,7 @@ def _fit_other(
         tries = [_fit_set(node, [*present, effect], records, masks, shared, prior, best, start) for start in [*starts, node.values.own[0]]]
         present = [*present, effect]
         best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
-    return None if best is None else best.fit
+    return best
 
 
 def _fit_set(

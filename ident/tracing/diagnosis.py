@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -45,11 +45,26 @@ class Quantity:
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """What makes an effect stand by itself although what remains is not noise.
+
+    ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
+    scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
+    parameters with it, and with each of its alternatives in its place, by effect name.
+    """
+
+    error_left: float
+    error_left_std: float
+    by_record: tuple[Mapping[str, Quantity], ...]
+    derivatives: Mapping[str, Mapping[str, Quantity]]
+
+
+@dataclass(frozen=True)
 class Claim:
     """One effect of the verdict.
 
     ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
-    ``records`` numbers those it acts on (from 0) where it does not act on all.
+    ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it stands by itself.
     """
 
     name: str
@@ -58,6 +73,7 @@ class Claim:
     claimed: bool = True
     records: tuple[int, ...] = ()
     explanation: str = ""
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +82,7 @@ class Candidate:
 
     ``gain`` is that of the log likelihood; ``p_value`` of that gain under the node's model, for the parameters added;
     ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
-    ``fitted`` False: the gain is the projected score's, not that of a full fit.
+    ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says why it does not stand, where that was asked.
     """
 
     round: int
@@ -79,6 +95,7 @@ class Candidate:
     parameters: Mapping[str, Quantity]
     held_out_change: float | None = None
     collinear_with: tuple[str, ...] = ()
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,7 +148,7 @@ class Diagnosis:
     before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
     error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
-    remaining : what is left, in words, for verdicts that leave something. seconds : time by stage.
+    seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     """
 
     verdict: Verdict
@@ -152,3 +169,4 @@ class Diagnosis:
     predictions: tuple[Prediction, ...]
     fitted: tuple[FittedRecord, ...]
     seconds: Mapping[str, float]
+    scatter: Mapping[str, float] = field(default_factory=dict)

@@ -20,10 +20,11 @@ from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, 
 from ident.tracing.expansion import quantities, records_of
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
+from ident.tracing.partial import stand_by_themselves
 from ident.tracing.search import grow, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
-from ident.tracing.verdict import alternatives_of, best_by_held_out, judge
+from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
 from sim.effect import Effect
 from sim.errors import ModelError
 from sim.model import Model
@@ -94,11 +95,19 @@ def diagnose(
     guarded = guards_among(best.names)
     effects = [*input_claims, *claims, *_claims(search, best, guarded)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
+    scatter: Mapping[str, float] = {}
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
+        partial = stand_by_themselves(search, root, seen, kept)
+        if partial is not None:
+            verdict, best, out_after, scatter = Verdict.PARTIAL, partial.node, partial.out, partial.scatter
+            effects = [*partial.claims, *(effect for effect in effects if effect.name.startswith("sensor-spikes"))]
+            search.evidence += partial.evidence
+            tests_after = tuple(whiteness(best.fit, "fitted"))
+            warnings = not_noise(tests_after, settings.white)
     stage("held out")
     return _diagnosis(
-        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds
+        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, scatter
     )
 
 
@@ -127,6 +136,7 @@ def _diagnosis(
     validation: Sequence[Record],
     outputs: Sequence[str],
     seconds: Mapping[str, float],
+    scatter: Mapping[str, float],
 ) -> Diagnosis:
     before, after = out
     shown = validation or search.records
@@ -164,6 +174,7 @@ def _diagnosis(
             for r, record in enumerate(search.records)
         ),
         dict(seconds),
+        scatter,
     )
 
 

@@ -56,6 +56,7 @@ def occasion_at(node: Node, beside: Sequence[Record] = ()) -> Occasion:
         flown=flown,
         residual_peaks=spectral_peaks(records, fit.residuals, [problem.valid for problem in layout.problems], fit.variance),
         airspeed=node.model.parameters["airspeed"].value if "airspeed" in node.model.parameters else 0.0,
+        values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
     )
 
 

@@ -120,5 +120,5 @@ def _heavy_tailed(normalised: np.ndarray) -> bool:
     size = np.abs(normalised)
     count = int(np.sum((size > TAIL[0]) & (size < TAIL[1])))
     expected = len(normalised) * (math.erfc(TAIL[0] / math.sqrt(2)) - math.erfc(TAIL[1] / math.sqrt(2)))
-    tail = 1.0 - sum(math.exp(-expected) * expected**k / math.factorial(k) for k in range(count))
+    tail = 1.0 - sum(math.exp(k * math.log(expected) - expected - math.lgamma(k + 1)) for k in range(count))
     return tail < 1e-3

@@ -113,7 +113,7 @@ def judge(
     settings: TraceSettings,
 ) -> tuple[Verdict, list[str]]:
     """The verdict, and in words what speaks against more."""
-    warnings = [f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})" for test in tests if test.p_value < settings.white]
+    warnings = not_noise(tests, settings.white)
     if not effects and not best.effects:
         if warnings and all("held out" in test.channel for test in tests if test.p_value < settings.white):
             warnings.append(
@@ -130,6 +130,11 @@ def judge(
     if _ambiguous(search, best):
         return Verdict.AMBIGUOUS, warnings
     return Verdict.TRACED, warnings
+
+
+def not_noise(tests: Sequence[ResidualTest], least: float) -> list[str]:
+    """What is left, in words: one line for each test whose p-value is below ``least``."""
+    return [f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})" for test in tests if test.p_value < least]
 
 
 def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:

@@ -27,6 +27,8 @@ class ControlNonlinearity:
     low, high : the range used. fine : nine shapes instead of four, the first four the same.
     control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the derivatives.
     share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An input of a few levels leaves f and the
+        derivative to trade off; with a fixed factor beside f that stays a straight line, which a Gaussian can describe.
     """
 
     low: float = -0.1
@@ -38,6 +40,7 @@ class ControlNonlinearity:
     moment_by: str = "Cm_de"
     lift_by: str = "CL_de"
     share_free: bool = True
+    by: tuple[float, ...] = ()
 
     name: ClassVar[str] = "control-nonlinearity"
     station: ClassVar[Station] = Station.DYNAMICS
@@ -78,15 +81,20 @@ class ControlNonlinearity:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         more = combine(natural_shapes(self.low, self.high, self.fine), getattr(s, self.control), p[:-1])
-        return {"moment": getattr(vehicle, self.moment_by) * more, "lift": p.lift_share * getattr(vehicle, self.lift_by) * more}
+        moment, lift = self.by or (getattr(vehicle, self.moment_by), getattr(vehicle, self.lift_by))
+        return {"moment": moment * more, "lift": p.lift_share * lift * more}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, occasion: Occasion) -> Effect:
-        """The same over the range of deflections that the record used; a pseudo-control goes no further than the stick."""
+        """The same over the range of deflections that the record used, in units of the derivatives fitted so far.
+
+        A pseudo-control goes no further than the stick.
+        """
         low, high = occasion.flown_range(self.control) or occasion.flown_range("stick") or (self.low, self.high)
-        return replace(self, low=low, high=high)
+        by = tuple(occasion.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
+        return replace(self, low=low, high=high, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> Effect:
         """The same with five finer shapes."""

@@ -207,3 +207,11 @@ def test_input_edges_do_not_reach_round_the_ends_of_a_record(at: int) -> None:
 def test_an_input_at_rest_has_no_edges() -> None:
     record = Record(np.arange(5.0), (Channel.of("elevator", "rad", np.full(5, 0.3)),), (Channel.of("q", "rad/s", np.zeros(5)),))
     assert not np.any(input_edges(record))
+
+
+def test_a_residual_that_is_all_tail_is_heavy_tailed() -> None:
+    """Hundreds of samples in the tail, more than a power or a factorial takes as a float."""
+    residual = np.random.default_rng(4).standard_t(1.2, (1, 4000))
+    valid = np.ones((1, 4000), dtype=bool)
+    masks, spikes = final_spikes([], ["q"], [residual], [valid], [np.zeros(4000, dtype=bool)])
+    assert spikes == [] and masks[0].all()

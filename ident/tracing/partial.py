@@ -1,0 +1,106 @@
+"""What can be said where the search leaves no noise: effects that stand by themselves, with their groups and what follows for the derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.output_error import estimate_of
+from ident.process_noise import is_forced
+from ident.tracing.acceptance import HeldOut, held_out
+from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
+from ident.tracing.node import Node
+from ident.tracing.replication import Flight, own_quantities
+from ident.tracing.search_state import Search
+from ident.tracing.standing import Standing, Stood, standing_effects
+from sim.record import Record
+
+ALTERNATIVES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Partial:
+    """Effects that stand: the claims, the set fitted to the training records, what it does on held-out ones, and scatter between records.
+
+    ``scatter`` is the standard deviation of each declared parameter between fits of single records, as far as it exceeds
+    nothing: what a user would see who flew the maneuver again.
+    """
+
+    claims: tuple[Claim, ...]
+    node: Node
+    out: HeldOut
+    evidence: tuple[Candidate, ...]
+    scatter: Mapping[str, float]
+
+
+def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> Partial | None:
+    """Effects of the library that replicate and lower the held-out error although what remains is not noise; None where none does."""
+    if masks is None or is_forced(root.system) or len(search.records) + len(validation) < 2:
+        return None
+    flight = Flight((*search.records, *validation), (*search.masks, *masks), search.model, tuple(search.outputs), search.settings)
+    search.progress("looking for what replicates", 0.92)
+    stood, weighed = standing_effects(flight, search.candidates, root)
+    if not stood:
+        return None
+    node = search.fit(tuple(item.best.effect for item in stood), root, _starts(stood))
+    if node is None:
+        return None
+    search.keep(node, node.criterion)
+    for item in stood:
+        search.steps.append(Step(item.best.node.names, item.best.node.criterion, item.best.node.fit.log_likelihood, _sentence(item)))
+    claims = tuple(_claim(node, item) for item in stood)
+    evidence = tuple(_candidate(item) for item in weighed)
+    return Partial(claims, node, held_out(node, validation, masks), evidence, scatter_between(flight, node))
+
+
+def scatter_between(flight: Flight, node: Node) -> dict[str, float]:
+    """Standard deviation of the declared parameters between fits of single records; empty with fewer than two that succeed."""
+    alone = [flight.fit(node.effects, [r], None, node.values.shared) for r in range(len(flight.records))]
+    values = [each.values.shared for each in alone if each is not None]
+    if len(values) < 2:
+        return {}
+    return {name: float(np.std([v[name] for v in values], ddof=1)) for name in values[0] if name in flight.model.parameters}
+
+
+def _starts(stood: Sequence[Stood]) -> dict[str, float]:
+    last = stood[-1].best.node
+    return {name: value for name, value in last.values.shared.items() if name not in last.declared.parameters}
+
+
+def _claim(node: Node, item: Stood) -> Claim:
+    best = item.best
+    members = (best, *item.others[:ALTERNATIVES])
+    evidence = Evidence(
+        best.reduction.share,
+        float(best.reduction.share * best.reduction.scatter),
+        best.replication.values,
+        {member.effect.name: _derivatives(member.node) for member in members},
+    )
+    alternatives = tuple(other.effect.name for other in item.others[:ALTERNATIVES])
+    return Claim(best.effect.name, own_quantities(node, best.effect), alternatives, True, (), best.effect.explanation, evidence)
+
+
+def _derivatives(node: Node) -> dict[str, Quantity]:
+    estimate, declared = estimate_of(node.fit), set(node.declared.parameters.names)
+    rows = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    return {name: Quantity(float(value), max(float(std), 1e-300), unit) for name, unit, value, std in rows if name in declared}
+
+
+def _candidate(item: Standing) -> Candidate:
+    from scipy.special import chdtrc
+
+    names = item.node.names
+    p_value = float(chdtrc(item.finding.parameters, max(2.0 * item.gain, 0.0)))
+    found = own_quantities(item.node, item.effect)
+    plausible = getattr(item.effect, "plausible", {})
+    believed = all(plausible[name][0] <= q.value <= plausible[name][1] for name, q in found.items() if name in plausible)
+    return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), item.why)
+
+
+def _sentence(item: Stood) -> str:
+    best = item.best
+    each = ", ".join(f"{100.0 * (np.exp(total) - 1.0):+.0f} %" for total in best.reduction.by_record)
+    also = f"; {', '.join(other.effect.name for other in item.others)} would do as well" if item.others else ""
+    return f"{best.effect.name} replicates and changes the error on records not fitted by {each}{also}"

@@ -1,0 +1,169 @@
+"""Effects that stand by themselves although what remains is not noise: the usual good outcome on measured data.
+
+Against white noise everything is significant where filters, a noisy input and a dozen small causes colour the residual. What a
+cause does there, and chance does not: it lowers the error on records that were not fitted, on each of them, and comes out alike
+from each record by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.colour import effective_share
+from ident.fit import Fit
+from ident.tracing.acceptance import held_out
+from ident.tracing.expansion import COLLINEAR, same_sensor_twins
+from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
+from ident.tracing.occasion import occasion_at
+from ident.tracing.reduction import Reduction, reduction
+from ident.tracing.replication import Flight, Replication, replicate
+from ident.tracing.screening import Finding, collinear, screen
+from sim.effect import Effect, NoiseEffect
+
+WORTH = 0.07  # least reduction of ln(error), a mean over the channels
+SURE = 2.0  # of its scatter
+WORSE = 0.05  # growth of ln(error) of one channel that is borne, beside twice its scatter
+MOST = 10  # candidates fitted in full
+DEEPEST = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """One candidate added to a set, weighed on records that were not fitted."""
+
+    effect: Effect
+    finding: Finding
+    node: Node
+    reduction: Reduction
+    replication: Replication
+    gain: float
+    stands: bool
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Stood:
+    """An effect that stands, and those that would do as well in its place."""
+
+    best: Standing
+    others: tuple[Standing, ...]
+
+
+def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -> tuple[list[Stood], list[Standing]]:
+    """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was weighed.
+
+    Parameters
+    ----------
+    flight : at least two records. candidates : library and guards; events and random motion are left out, since they need not replicate.
+    root : the declared model fitted to the training records, for starting values.
+
+    Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each.
+    """
+    found: list[Stood] = []
+    weighed: list[Standing] = []
+    usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
+    everything = range(len(flight.records))
+    node = flight.fit((), everything, None, root.values.shared)
+    while node is not None and len(found) < DEEPEST:
+        before = _left_out(flight, node)
+        if before is None:
+            break
+        tried = [_weigh(flight, node, finding, before) for finding in _promising(node, usable)]
+        results = [item for item in tried if item is not None]
+        weighed += results
+        chosen = _choose(results)
+        if chosen is None:
+            break
+        found.append(chosen)
+        node = chosen.best.node
+    return found, weighed
+
+
+def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
+    """The candidates whose projected gain, in effective samples, pays for their parameters; the largest first."""
+    share = _effective(node)
+    twins = {twin for name in node.names for twin in same_sensor_twins(name)}
+    samples = share * float(node.fit.counts.sum())
+    worth = [
+        finding
+        for finding in screen(node, candidates, occasion_at(node))
+        if finding.effect.name not in twins and 2.0 * share * finding.gain > finding.parameters * np.log(max(samples, np.e))
+    ]
+    guards = [finding for finding in worth if guards_among([finding.effect.name])]
+    return [finding for finding in worth if finding not in guards][:MOST] + guards
+
+
+def _left_out(flight: Flight, node: Node) -> list[Fit] | None:
+    """Each record predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
+    fits = []
+    for r, record in enumerate(flight.records):
+        others = [other for other in range(len(flight.records)) if other != r]
+        trained = flight.fit(node.effects, others, node.values)
+        frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
+        if frozen is None:
+            return None
+        fits.append(frozen)
+    return fits
+
+
+def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) -> Standing | None:
+    effects = (*node.effects, finding.effect)
+    everything = range(len(flight.records))
+    tries = [flight.fit(effects, everything, node.values, start) for start in finding.starts[:2]]
+    child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+    if child is None:
+        return None
+    gain = _effective(node) * (node.fit.cost - child.fit.cost)
+    after = _left_out(flight, child)
+    if after is None:
+        return None
+    lowered = reduction(before, after)
+    if lowered.total > -WORTH:
+        return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, "it does not lower the held-out error enough")
+    alone = [flight.fit(effects, [r], child.values) for r in everything]
+    copies = replicate(flight, effects, finding.effect, alone)
+    stands, why = _judged(lowered, copies)
+    return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why)
+
+
+def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
+    """Whether it stands, and why not."""
+    if lowered.total > -SURE * lowered.scatter:
+        return False, "the fall of the held-out error is within its scatter"
+    if np.any(lowered.by_channel > WORSE + 2.0 * lowered.channel_scatter):
+        return False, "one channel gets worse"
+    if sum(total < 0.0 for total in lowered.by_record) < len(lowered.by_record) - (len(lowered.by_record) > 3):
+        return False, "it does not help on every record"
+    if not copies.agrees:
+        return False, "the records by themselves give different values"
+    return True, "stands"
+
+
+def _choose(results: Sequence[Standing]) -> Stood | None:
+    """The best of those that stand, with those as good; None where a guard, or what does not replicate, does better than all of them."""
+    standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
+    if not standing:
+        return None
+    lowest = min(standing, key=lambda item: item.reduction.total)
+    guards = [item for item in results if guards_among([item.effect.name])]
+    if any(item.reduction.total < lowest.reduction.total - lowest.reduction.scatter for item in guards):
+        return None
+    equals = [item for item in standing if _as_good(item, lowest)]
+    # Among equals the one with fewest parameters, then the best.
+    best = min(equals, key=lambda item: (item.finding.parameters, item.reduction.total))
+    others = sorted((item for item in equals if item is not best), key=lambda item: item.reduction.total)
+    return Stood(best, tuple(others))
+
+
+def _as_good(item: Standing, best: Standing) -> bool:
+    """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
+    behind = item.reduction.total - best.reduction.total
+    alike = collinear(item.finding, best.finding) > COLLINEAR
+    return behind <= (3.0 if alike else 1.0) * max(best.reduction.scatter, 0.02)
+
+
+def _effective(node: Node) -> float:
+    return effective_share(node.fit.residuals, [problem.valid for problem in node.fit.layout.problems])
