@@ -10,7 +10,7 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.handling_qualities import UNITS, Level
 from scenarios.comparing import SCHEMA, versions
-from scenarios.x29.findings import LARGE, bias_rows, not_identifiable
+from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
@@ -71,7 +71,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         ],
         "iterations": estimate.iterations,
         "method": "bank of extended Kalman filters, refined",
-        "findings": scenario.findings,
+        "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
     if study.other is not None and study.differences is not None and scenario.against is not None:

@@ -114,7 +114,7 @@ class LoopScenario:
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
-    findings : what the study shows, in words, to be read with its tables.
+    findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
 
     name: str

@@ -10,7 +10,7 @@ import numpy as np
 from ident.bank import BankEstimate, run_bank
 from ident.delay_bank import DELAYS, DelayBank, likelihood_weights, run_delay_bank
 from ident.ekf import FilterSettings, filter_record
-from ident.estimate import Estimate
+from ident.estimate import Estimate, Outcome
 from ident.iterated_bank import run_iterated_bank
 from ident.noise_envelope import noise_envelope
 from ident.setup import filter_problem
@@ -75,12 +75,25 @@ def refined(setting: SetUp) -> DelayBank:
 
 
 def plain(setting: SetUp) -> Plain:
-    """One pass of nine filters, and that of the most likely delay alone."""
-    bank = run_bank(setting.record, setting.system, held={"delay": np.array(DELAYS)})
-    best = int(np.argmax(bank.log_likelihood))
-    weights, delay = likelihood_weights(bank.log_likelihood), DELAYS[best]
-    estimate = filter_record(filter_problem(setting.record, _at(setting.system, delay), np.inf), FilterSettings())
-    return Plain(bank, np.array(DELAYS), weights, delay, float(weights @ np.array(DELAYS)), estimate)
+    """One pass of nine filters, and the estimate of the most likely one."""
+    system, delays = setting.system, np.array(DELAYS)
+    bank = run_bank(setting.record, system, held={"delay": delays})
+    best, n_x = int(np.argmax(bank.log_likelihood)), len(system.states)
+    names = bank.names[n_x:]
+    weights = likelihood_weights(bank.log_likelihood)
+    estimate = Estimate(
+        "ekf",
+        names,
+        tuple(system.parameters[name].unit for name in names),
+        bank.mean[n_x:, best].copy(),
+        bank.covariance[best, n_x:, n_x:].copy(),
+        Outcome.CONVERGED if bank.sound[best] else Outcome.DIVERGED,
+        float(np.maximum(bank.log_likelihood[best], -1e300)),
+        system.output_names,
+        np.array([setting.noise_std[name] for name in system.output_names]),
+        (),
+    )
+    return Plain(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
 
 
 def started_again(estimation: LoopEstimation, flown: Flown, found: Estimate) -> SetUp:

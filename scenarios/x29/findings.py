@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from ident.estimate import Estimate
 from scenarios.x29.study import LoopStudy
+from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
 LARGE = 0.9
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency
-HALF_FRAME = 0.00625  # s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz samples
 PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase margin too"
 
 
@@ -55,7 +55,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 
 
 def sentences(study: LoopStudy) -> tuple[str, ...]:
-    """What the tables do not say by themselves."""
+    """What the tables do not say by themselves, each sentence from the study's own numbers."""
     bank, out = study.result.bank, []
     sure = f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
     out.append(
@@ -71,9 +71,11 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}; it holds the bias of the model's order")
     record, own_frequency = study.check.record, study.result.quality("natural_frequency")
     if record is not None and own_frequency is not None and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE:
+        off = 100.0 * (record["natural_frequency"] / own_frequency.value - 1.0)
         out.append(
-            "the spectral estimate of this record does not give the filter's frequency: a spike, a window that begins in motion or a stick "
-            "that is not linear disturbs it; the loop's own response decides"
+            f"the record's spectra give a frequency of {record['natural_frequency']:.3f} rad/s, {off:+.0f} % from the filter's: noise, a spike, "
+            "a window that begins in motion or a stick that is not linear may disturb them; "
+            f"the loop's own response says {study.check.loop.natural_frequency:.3f} rad/s"
         )
     if len(study.margins) > 1:
         (own, mine), (against, theirs) = study.margins.items()
@@ -85,4 +87,4 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         )
     if study.scenario.published:
         out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
-    return tuple(out)
+    return (*out, *verdicts(study))

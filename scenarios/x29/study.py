@@ -110,8 +110,8 @@ def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
 
 
 def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
-    """Fly, estimate and compare; the same seed gives the same numbers. Scenarios that this one starts from or is compared with are
-    run with their own seed.
+    """Fly, estimate and compare; the same seed gives the same numbers. What it is compared with flies with the same seed, so
+    that the noise is no difference; scenarios that it starts from, or that stand beside it, with their own.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
             break
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
-    other, other_simulated, differences, derived = _against(scenario, result, first if chosen == scenario.seed else None)
+    other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
     estimate = result.estimate
     z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
@@ -213,19 +213,18 @@ def _result(scenario: LoopScenario, flown: Flown, setting: SetUp) -> Result:
 
 
 def _against(
-    scenario: LoopScenario, result: Result, first: Result | None
+    scenario: LoopScenario, seed: int, result: Result, first: Result
 ) -> tuple[Result | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
     """The other scenario's result, its free simulation, what differs, and differences of flying qualities in sigmas of one result."""
     against = scenario.against
     if against is None:
         return None, None, None, ()
     other_scenario = loop_scenario(against.scenario, against.changes)
-    same = (other_scenario.flight, other_scenario.seed) == (scenario.flight, scenario.seed)
-    if first is not None and same and other_scenario.estimation == replace(scenario.estimation, restarts=0):
+    if other_scenario.flight == scenario.flight and other_scenario.estimation == replace(scenario.estimation, restarts=0):
         other = first  # the first pass of a restarted study is that scenario's result
     else:
-        flown = fly_loop(other_scenario.flight, other_scenario.seed)
-        other = _result(other_scenario, flown, _setting(other_scenario, flown))
+        flown = fly_loop(other_scenario.flight, seed)
+        other = _result(replace(other_scenario, seed=seed), flown, _setting(other_scenario, flown))
     derived = []
     for item in result.qualities:
         before = other.quality(item.name)

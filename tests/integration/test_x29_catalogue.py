@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from scenarios.x29.findings import not_identifiable, sentences
 from scenarios.x29.flying import fly_loop
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
+from scenarios.x29.verdicts import verdicts
 from sim.closed_loop.equivalent import equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine
@@ -40,7 +42,7 @@ def test_the_catalogue_is_complete() -> None:
 def test_files_load_fly_and_name_own_choices(name: str) -> None:
     scenario = loop_scenario(name)
     assert "[own]" in scenario_text(name)
-    assert scenario.title and scenario.about and scenario.findings
+    assert scenario.title and scenario.about
     for column in scenario.published:
         assert printed_column(column)["M_delta"].value > 0, "the paper's sign is turned"
     record = fly_loop(scenario.flight, scenario.seed).record
@@ -113,6 +115,47 @@ def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
     assert all(row["source"] for row in written["levels"])
     assert (folder / "history.csv").is_file() and (folder / "truth.json").is_file()
     assert len([path for path in folder.rglob("comparison.json")]) == 1
+
+
+def test_sentences_follow_the_numbers_of_the_seed() -> None:
+    one = study("x29-flight")
+    other = run_loop(loop_scenario("x29-flight", ["flight.duration=8"]), 5)
+    assert other.other is not None and other.other.scenario.seed == other.seed == 5
+    for found in (one, other):
+        frequency, damping = found.result.quality("natural_frequency"), found.result.quality("damping_ratio")
+        assert frequency is not None and damping is not None
+        loop, moved = found.check.loop, dict(found.derived_differences)
+        equivalent, against = verdicts(found)
+        assert f"frequency {100.0 * (frequency.value / loop.natural_frequency - 1.0):+.1f} % (bound 5 %)" in equivalent
+        assert f"delay {1e3 * (found.result.bank.refined - loop.delay):+.1f} ms" in equivalent
+        assert f"to {damping.value:.4g} ({moved['damping_ratio']:+.2f} sigmas)" in against
+    assert verdicts(one) != verdicts(other)
+
+
+def test_verdicts_change_with_the_numbers() -> None:
+    flight = study("x29-flight")
+
+    def said(**changes: object) -> str:
+        return " ".join(verdicts(replace(flight, **changes)))  # type: ignore[arg-type]
+
+    def moved(frequency: float, damping: float) -> str:
+        return said(derived_differences=(("natural_frequency", frequency), ("damping_ratio", damping)))
+
+    assert "both by less than a sigma" in moved(0.4, -0.9)
+    assert "both by less than 3 sigmas" in moved(0.4, -2.9)
+    assert "damping ratio by more than 3 sigmas" in moved(0.4, -3.1) and "both" not in moved(0.4, -3.1)
+    first = flight.result.estimate
+    last = replace(first, values=first.values + 0.5 * first.std)
+    assert "not settled after 1 restart: the last one still moves" in said(passes=(first, last)) and "by 0.50 sigmas" in said(passes=(first, last))
+    assert "settled after 2 restarts" in said(passes=(first, last, last)) and "not settled" not in said(passes=(first, last, last))
+    faster = replace(flight.check, loop=replace(flight.check.loop, natural_frequency=0.9 * flight.check.loop.natural_frequency))
+    assert "all within" in said() and "beyond the bound: frequency" in said(check=faster)
+    peaked, missed = replace(flight.scenario, peak=(1.0, 5.0)), replace(flight.misfit, peak_measured=0.08, peak_simulated=0.06)
+    assert "too small in free simulation: -25.0 %" in said(scenario=peaked, misfit=missed)
+    assert "is met in free simulation" in said(scenario=peaked, misfit=replace(missed, peak_simulated=0.081))
+    stretched = replace(flight.scenario, stretch=(9.0, 10.0))
+    assert "does not stand out" in said(scenario=stretched, misfit=replace(flight.misfit, stretch=1.0, elsewhere=0.9))
+    assert "the stretch stands out" in said(scenario=stretched, misfit=replace(flight.misfit, stretch=1.8, elsewhere=0.9))
 
 
 def test_innovations_are_those_of_the_noise_on_the_standard_flight() -> None:
