@@ -117,15 +117,16 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
 
 
 def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "") -> Figure:
-    """One number for each variant as a horizontal bar; ``words`` says what it is."""
-    n = len(rows)
+    """One number for each variant as a horizontal bar; ``words`` says what it is. Signs are shown where one is negative."""
+    n, sign = len(rows), "+" if any(round(value, 2) < 0 for _, value in rows) else ""
     sheet = make_sheet([0.38 * n + 0.1], left=_LABEL + 0.2, right=0.5)
     panel = sheet.panels[0]
     places = np.arange(n)[::-1]
     panel.barh(places, [value for _, value in rows], height=0.5, color=[VERMILION] + [BLUE] * (n - 1))
     panel.axvline(0.0, **ZERO)
     for place, (_, value) in zip(places, rows, strict=True):
-        text = f"{value:+.2f}".replace("-", "−")
+        # What rounds to nothing has no sign.
+        text = f"{round(value, 2) + 0.0:{sign if round(value, 2) else ''}.2f}".replace("-", "−")
         panel.annotate(
             text,
             (value, place),

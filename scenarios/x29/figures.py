@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
@@ -29,7 +30,8 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     save_figure(fit, folder, "fit")
     if study.other is not None and study.other_simulated is not None and study.scenario.against is not None:
         label = study.scenario.against.label
-        other = figure_fit(study.other.setting.record, [_response("low-order equivalent, free simulation", study.other_simulated)], None, label, None)
+        shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
+        other = figure_fit(study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None)
         save_figure(other, folder, "fit_other")
         save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title), folder, "compared")
     units = [record[name].unit for name in estimate.output_names]
@@ -42,6 +44,8 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     prior = {item.name: (item.value, item.prior_std) for item in constant}
     names = [item.name for item in constant]
     histories = figure_parameter_histories(history, names, [item.unit for item in constant], prior=prior, title=f"{title}\nparameters as states")
+    for panel in histories.axes:
+        panel.xaxis.set_major_locator(MaxNLocator(4))
     save_figure(histories, folder, "parameters")
     save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
     bank = result.bank
