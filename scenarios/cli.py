@@ -116,6 +116,24 @@ def diagnose(
 
 
 @app.command()
+def check(
+    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one aircraft.")],
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Airspeed where none is recorded; else vehicle.toml beside the first record.")
+    ] = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    out: Out = None,
+    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+) -> None:
+    """Data compatibility: what the kinematics alone say of the sensors."""
+    from scenarios.commands.check import check_records
+
+    check_records(records, vehicle, channels, start, stop, out, figures)
+
+
+@app.command()
 def watch(
     record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
     model: Annotated[str, typer.Option("--model", metavar="M", help="loes.")],

@@ -1,0 +1,1 @@
+"""Data compatibility: what the kinematics alone say of the sensors."""

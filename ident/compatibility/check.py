@@ -1,0 +1,146 @@
+"""Data compatibility of records: what the kinematics alone say of the sensors, without any aerodynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.compatibility.faults import DRIFT, faults_of
+from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.noise import smoothed_walk
+from ident.compatibility.observability import cannot_tell
+from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
+from ident.compatibility.search import Searched, beside, bias_estimates, estimate_of, search, tried
+from ident.compatibility.signals import measured_channels, relations, signals_of
+from sim.errors import RecordError
+from sim.record import Record
+
+_NEEDS = {
+    "alpha": ("q", "nz"),
+    "theta": ("q",),
+    "airspeed": ("ax", "theta", "alpha", "nz"),
+    "nz": ("alpha", "q"),
+    "q": ("theta",),
+    "ax": ("airspeed",),
+}
+SHORTEST = 20  # samples
+
+
+def compatibility(records: Sequence[Record], settings: CompatibilitySettings) -> Compatibility:
+    """Flight-path reconstruction from records of one set of sensors.
+
+    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
+    record and to sensor faults that all records share, each estimated by output error and by a smoother. No vehicle is known.
+
+    Parameters
+    ----------
+    records : channels of ``measured_channels``; those that all records have are used. settings : constants and limits.
+
+    Raises
+    ------
+    RecordError : a record with fewer than 20 samples, or numbers beyond all measure.
+    """
+    for record in records:
+        _refuse(record)
+    channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
+    notes = [f"az serves as nz = -az/g0 ({record.name})" for record in records if "nz" in channels and "nz" not in record.output_names]
+    usable = channels
+    if settings.airspeed is None and "airspeed" not in channels:
+        usable = tuple(name for name in channels if name not in ("alpha", "nz"))
+        notes.append("neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used")
+    joined = relations(usable)
+    if not joined:
+        empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
+        return Compatibility(
+            channels, {}, empty, tuple(replace(empty, records=(r.name,)) for r in records), (), _closed_by(channels, joined), tuple(notes)
+        )
+    signals = [signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm) for record in records]
+    for s in signals:
+        notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
+    used = tuple(name for name in usable if name in signals[0].channels)
+    bases = [fit([s]) for s in signals]
+    together = len(bases) > 1
+    whole = fit(signals, begin=_together(bases)) if together else bases[0]
+    found = search(whole, faults_of(used, drifts=not together), bases, settings)
+    joint = _result(found, bias_estimates(whole) if not together else ())
+    single = [_by_itself(base, found, settings, len(bases)) for base in bases] if together else [joint]
+    told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
+    return Compatibility(channels, joined, joint, tuple(single), _reconstructions(found.found), told, tuple(notes))
+
+
+def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:
+    noise = found.found.noise
+    levels = dict(zip((*noise.outputs, *noise.inputs), np.sqrt([*noise.white, *noise.density]).tolist(), strict=True))
+    names = tuple(s.name for s in found.found.signals)
+    return CheckResult(names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels)
+
+
+def _by_itself(base: Fit, joint: Searched, settings: CompatibilitySettings, count: int) -> CheckResult:
+    """One record of several: each fault beside the same others as in all, and drifts, which belong to one record, beside all that stands."""
+    before = {trial.found.faults[:-1]: trial.found for trial in joint.trials}
+    starts = {faults: beside(base, faults, found.sizes[:-1]) for faults, found in before.items()}
+    current = beside(base, joint.found.faults, joint.found.sizes)
+    trials = [tried(starts[trial.found.faults[:-1]], trial.fault) for trial in joint.trials]
+    channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
+    faults = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
+    drifts = search(current, faults, [], replace(settings, false_alarm=settings.false_alarm / count, most=1))
+    return _result(replace(drifts, trials=(*trials, *drifts.trials)), bias_estimates(current))
+
+
+def _together(bases: Sequence[Fit]) -> Fit:
+    """Fits of single records as the start of a fit of all."""
+    white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
+    density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
+    return replace(bases[0], own=tuple(base.own[0] for base in bases), noise=replace(bases[0].noise, white=white, density=density))
+
+
+def _reconstructions(final: Fit) -> tuple[Reconstruction, ...]:
+    out = []
+    for s, y, residual in zip(final.signals, final.outputs, final.residuals, strict=True):
+        smooth = y + smoothed_walk(s, final.noise, residual)
+        rows = range(len(s.outputs))
+        out.append(
+            Reconstruction(
+                s.name,
+                s.time,
+                {s.outputs[i]: s.channels[s.outputs[i]] for i in rows},
+                {s.outputs[i]: y[i] for i in rows},
+                {s.outputs[i]: smooth[i] for i in rows},
+                {s.outputs[i]: s.valid[i] for i in rows},
+            )
+        )
+    return tuple(out)
+
+
+def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Channels that no relation reaches, and what would close one."""
+    reached = {name for names in joined.values() for name in names}
+    out = []
+    for name in channels:
+        if name not in reached and not (name == "airspeed" and "alpha" in joined):
+            missing = [other for other in _NEEDS[name] if other not in channels]
+            why = f"its relation needs {' and '.join(missing)} too" if missing else "its relation needs an airspeed"
+            lift = ": without the load the lift between alpha and q is unknown" if name == "alpha" and "nz" in missing and "q" in channels else ""
+            out.append(f"{name}: nothing can be told, {why}{lift}")
+    return tuple(out)
+
+
+def _refuse(record: Record) -> None:
+    if len(record) < SHORTEST:
+        raise RecordError(f"{len(record)} samples are too few to check", where=record.name, remedy=f"give at least {SHORTEST}")
+    for name in record.output_names:
+        channel = record[name]
+        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > 1e6))
+        if wrong.size:
+            where = f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s"
+            raise RecordError(
+                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+            )
+    if "airspeed" in record.output_names:
+        channel = record["airspeed"]
+        if np.any(channel.values[channel.valid] <= 0):
+            raise RecordError(
+                "an airspeed that is not above zero", where=f"{record.name}, channel airspeed", remedy="cut the record there with --from and --to"
+            )

@@ -1,0 +1,85 @@
+"""Both methods side by side: output error over measured inputs, and the smoother that knows their noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.colour import corrected_covariance
+from ident.compatibility.fitting import Fit, bounded_inverse, covariance_of, linearised, positions, prior_information, unknowns_of, whitened
+from ident.compatibility.noise import walk_gains
+
+_PASSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Sigmas:
+    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of what is left widens each variance."""
+
+    covariance: np.ndarray
+    widening: np.ndarray
+
+
+def smoother_sigmas(found: Fit) -> Sigmas:
+    """Covariance of a fit, corrected for innovations that are not white (``ident.colour``)."""
+    white, at = whitened(found), positions(found)
+    information = np.diag(prior_information(found))
+    for (_, jacobian), where in zip(white, at, strict=True):
+        J = jacobian.reshape(-1, jacobian.shape[2])
+        information[np.ix_(where, where)] += J.T @ J
+    inverse = covariance_of(information)
+    parts = [(where, jacobian, e, s.valid) for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)]
+    corrected = corrected_covariance(inverse, parts, np.ones(len(found.noise.outputs)))
+    own, wide = np.diag(inverse), np.diag(corrected)
+    return Sigmas(inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0))
+
+
+def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with the inputs' noise accounted for.
+
+    Residuals are weighed by their own mean square, as if they were white; the covariance is that which such weights give under the
+    noise of outputs and inputs of the smoother fit.
+    """
+    own, sizes, at, prior = [o.copy() for o in found.own], found.sizes.copy(), positions(found), prior_information(found)
+    unknowns = [unknowns_of(s) for s in found.signals]
+    largest = np.array([fault.largest for fault in found.faults])
+    total = len(prior) - len(sizes)
+    for _ in range(_PASSES):
+        lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
+        measured = [np.array([s.channels[name] for name in s.outputs]) for s in found.signals]
+        residuals = [np.where(s.valid, z - y, 0.0) for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)]
+        counts = np.sum([s.valid.sum(axis=1) for s in found.signals], axis=0)
+        variance = np.maximum(np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30)
+        information, gradient = np.diag(prior), np.zeros(len(prior))
+        columns = []
+        for s, e, (_, slope), where in zip(found.signals, residuals, lines, at, strict=True):
+            J = np.where(s.valid[:, :, None], slope, 0.0) / variance[:, None, None]
+            columns.append(J)
+            information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
+            gradient[where] += np.einsum("mnc,mn->c", J, e)
+        gradient[:total] -= prior[:total] * np.concatenate(own)
+        inverse = bounded_inverse(information)
+        step = inverse @ gradient
+        place = 0
+        for r in range(len(own)):
+            own[r] = own[r] + step[place : place + len(own[r])]
+            place += len(own[r])
+        sizes = np.clip(sizes + step[place:], -largest, largest)
+        if np.all(np.abs(step) <= 0.02 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
+            break
+    spread = np.diag(prior)
+    for s, J, where in zip(found.signals, columns, at, strict=True):
+        spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, found.noise.white, J)
+        ahead = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
+        walk = np.einsum("mi,mnc->inc", walk_gains(s, found.noise), ahead) * s.steps[None, :, None]
+        spread[np.ix_(where, where)] += np.einsum("inc,i,ind->cd", walk, found.noise.density, walk)
+    inverse = covariance_of(information)
+    return np.concatenate([*own, sizes]), inverse @ spread @ inverse
+
+
+def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
+    """``one - other`` over its standard deviation where ``other`` is efficient: the variances subtract (Hausman, Econometrica 46(6), 1978)."""
+    variance = max(var_one - var_other, 0.05 * var_one)
+    return (one - other) / math.sqrt(variance) if variance > 0 else 0.0

@@ -1,0 +1,64 @@
+"""What may be wrong with a sensor, each under its effect's name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "ax": "m/s2"}
+_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3}  # a bias that is worth a word
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """One way in which one channel is wrong; its ``size`` is zero where the sensor is right.
+
+    bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag: s, the reading is late.
+    drift: channel's unit/s from the record's begin. arm: m, the vane ahead of the centre of gravity.
+    """
+
+    channel: str
+    kind: str
+
+    @property
+    def name(self) -> str:
+        """The effect's name; ``bias:CH`` for a bias, which is no effect."""
+        if self.kind == ARM:
+            return "vane-offset"
+        return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of its size."""
+        own = {SCALE: "1", DELAY: "s", LAG: "s", ARM: "m"}
+        return own.get(self.kind) or (f"{UNITS[self.channel]}/s" if self.kind == DRIFT else UNITS[self.channel])
+
+    @property
+    def plausible(self) -> float:
+        """A size that is common in practice: the scale of what a record can tell."""
+        own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05, ARM: 5.0}
+        return own.get(self.kind) or (0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel])
+
+    @property
+    def largest(self) -> float:
+        """The size beyond which no fit looks, either sign."""
+        own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5, ARM: 60.0}
+        return own.get(self.kind, 1e6)
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether only a positive size can be: nothing is recorded before it happens."""
+        return self.kind in (DELAY, LAG, ARM)
+
+    @property
+    def offset(self) -> float:
+        """What is added to the size for the effect's own parameter: a scale is given as a factor."""
+        return 1.0 if self.kind == SCALE else 0.0
+
+
+def faults_of(channels: Sequence[str], *, drifts: bool, biases: bool = False) -> tuple[SensorFault, ...]:
+    """All faults of these channels, in their order."""
+    kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
+    out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
+    return (*out, SensorFault("alpha", ARM)) if "alpha" in channels and "q" in channels else tuple(out)

@@ -1,0 +1,115 @@
+"""Data compatibility on files: records and constants read, the kinematics checked."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ident.compatibility.check import compatibility
+from ident.compatibility.result import Compatibility, CompatibilitySettings
+from ident.compatibility.signals import CHANNELS, measured_channels
+from scenarios.files.channels import STICK, TIME
+from scenarios.files.vehicles import VehicleFile, read_vehicle
+from sim.errors import DeclarationError, RecordError
+from sim.record import Record
+
+BESIDE = "vehicle.toml"
+INPUTS = ("elevator", STICK)
+
+
+@dataclass(frozen=True)
+class CheckedFile:
+    """A file that a check rests on: its bare name and the SHA-256 of its content."""
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found."""
+
+    result: Compatibility
+    records: tuple[Record, ...]
+    settings: CompatibilitySettings
+    files: tuple[CheckedFile, ...]
+    vehicle: CheckedFile | None
+
+
+def check_files(
+    paths: Sequence[Path],
+    vehicle: Path | None = None,
+    channels: Path | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+) -> Check:
+    """Read records of one aircraft and check them.
+
+    Parameters
+    ----------
+    paths : record files. vehicle : any aircraft's vehicle file, of which airspeed, gravity and vane arm are used; None takes ``vehicle.toml`` from
+        the folder of the first record if it is there.
+    channels : a channel map, for all records. start, stop : s; the window of all records.
+
+    Raises
+    ------
+    FlightidError : anything in the files that keeps them from being used, in one line.
+    """
+    from scenarios.files.channels import read_channel_map
+
+    _refuse_twice(paths)
+    beside = paths[0].parent / BESIDE
+    chosen = vehicle if vehicle is not None else (beside if beside.is_file() else None)
+    settings = settings_of(read_any_vehicle(chosen)) if chosen is not None else CompatibilitySettings()
+    choices = read_channel_map(channels) if channels is not None else None
+    records = tuple(_read(path, choices, start, stop) for path in paths)
+    result = compatibility(records, settings)
+    return Check(result, records, settings, tuple(_file(path) for path in paths), _file(chosen) if chosen is not None else None)
+
+
+def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
+    """The constants that the kinematics use."""
+    settings = CompatibilitySettings(airspeed=vehicle.constants["airspeed"], vane_arm=vehicle.constants.get("vane_arm", 0.0))
+    return replace(settings, gravity=vehicle.constants["gravity"]) if "gravity" in vehicle.constants else settings
+
+
+def read_any_vehicle(path: Path) -> VehicleFile:
+    """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError where it is for none, or wrong."""
+    from scenarios.files.declarations import read_toml
+
+    content = read_toml(path)
+    if "density_scale_height" in content or "air_density_reference" in content:
+        raise DeclarationError("this is a falling body's file, without an airspeed", where=str(path), remedy="give the file of an aircraft")
+    model = "flexible" if "modes" in content else "loes" if "gravity" in content and "mass" not in content else "rigid"
+    return read_vehicle(path, model)
+
+
+def _read(path: Path, choices: object, start: float | None, stop: float | None) -> Record:
+    from scenarios.files.records import read_record
+
+    # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
+    read = read_record(path, (), (), choices, start, stop, optional=(*CHANNELS, *INPUTS))  # type: ignore[arg-type]
+    inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
+    outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
+    record = replace(read, inputs=inputs, outputs=outputs, name=path.name)
+    if not measured_channels(record):
+        known = ", ".join(CHANNELS)
+        what = f"none of the channels that the kinematics join ({known})"
+        raise RecordError(what, where=path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
+    return record
+
+
+def _refuse_twice(paths: Sequence[Path]) -> None:
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise RecordError("the record is named twice", where=str(path), remedy="name each record once")
+        seen.add(path.resolve())
+
+
+def _file(path: Path) -> CheckedFile:
+    return CheckedFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest())

@@ -1,0 +1,29 @@
+"""`flightid check`: what the kinematics alone say of the sensors, printed and written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from scenarios.check_text import print_check
+from scenarios.checking import check_files
+
+
+def check_records(
+    records: Sequence[Path],
+    vehicle: Path | None,
+    channels: Path | None,
+    start: float | None,
+    stop: float | None,
+    out: Path | None,
+    figures: bool,
+) -> None:
+    """Read, check, write the study, print."""
+    found = check_files(records, vehicle, channels, start, stop)
+    if out is not None:
+        from scenarios.check_files import write_check
+
+        write_check(found, out, figures=figures)
+    print_check(found)
+    if out is not None:
+        print(f"written to {out}")

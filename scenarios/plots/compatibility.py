@@ -1,0 +1,39 @@
+"""Reconstructed against measured: what the kinematics make of the other channels."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ident.compatibility.faults import UNITS
+from ident.compatibility.result import Reconstruction
+from scenarios.plots.display import axis_label, display_unit
+from scenarios.plots.style import BLUE, MEASURED, TICK_SIZE, VERMILION, ZERO, finish, make_sheet, time_axis, y_label
+
+
+def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
+    """Each output measured (dots), integrated from the measured inputs and smoothed with the output itself, and below what each leaves.
+
+    The faults that stand are taken into account; what is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
+    """
+    names = list(item.measured)
+    sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)
+    for number, name in enumerate(names):
+        unit = display_unit(UNITS[name])
+        above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
+        measured, used = unit.factor * item.measured[name], item.used[name]
+        above.plot(item.time[used], measured[used], label="measured", **MEASURED)
+        below.axhline(0.0, **ZERO)
+        for values, colour, style, label in (
+            (item.integrated[name], VERMILION, "--", "integrated from the other channels"),
+            (item.smoothed[name], BLUE, "-", "smoothed"),
+        ):
+            shown = unit.factor * values
+            above.plot(item.time, shown, color=colour, linestyle=style, linewidth=1.2, label=label, zorder=3)
+            below.plot(
+                item.time, np.where(used, measured - shown, np.nan), linestyle="none", marker=".", markersize=2.5, color=colour, markeredgewidth=0.0
+            )
+        y_label(above, axis_label(name, unit))
+        y_label(below, f"residual ({unit.text})", TICK_SIZE)
+    time_axis(sheet.panels[-1])
+    return finish(sheet, title, head=0.16)
