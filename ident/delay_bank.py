@@ -9,7 +9,7 @@ close in on the maximum until the log-likelihood falls like a parabola, whose ve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,8 @@ _FINEST = 1e-4  # s, closer together filters do not stand
 _POINTS, _BANKS = 7, 8
 _REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
 _SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
+WIDENINGS = 4
+FAR = 3.0  # sigmas of its prior that a parameter may end from its start before the two contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,10 @@ class DelayBank:
         innovations and knows nothing of a model that is wrong.
     at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
     estimate : the iterated filter at the refined delay, with its history. Where refinement gave a sigma, the delay is the last
-        name and the covariance holds what its uncertainty adds to the others; else the delay is not among the names.
+        name and the covariance holds what its uncertainty adds to the others; else the delay is not among the names. Its message
+        tells of contradicted priors.
+    contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the start, with these sigmas. The start
+        holds them back: they hang on it.
     """
 
     delays: np.ndarray
@@ -59,10 +64,17 @@ class DelayBank:
     refined_std: float
     at_edge: bool
     estimate: Estimate
+    contradicted: tuple[tuple[str, float], ...]
 
 
 def run_delay_bank(
-    record: Record, system: System, delays: Sequence[float] = DELAYS, settings: FilterSettings | None = None, *, name: str = "delay"
+    record: Record,
+    system: System,
+    delays: Sequence[float] = DELAYS,
+    settings: FilterSettings | None = None,
+    *,
+    name: str = "delay",
+    widenings: int = WIDENINGS,
 ) -> DelayBank:
     """Run a filter for each delay in one batched pass, then refine.
 
@@ -71,6 +83,9 @@ def run_delay_bank(
     record, settings : as for ``run_ekf``.
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not matter.
     delays : at least three, increasing, s.
+    widenings : at most how often the refined bank goes on with priors made wide enough where the record contradicts them, so that the
+        result hangs on no start that is far off; each such prior's sigma becomes the distance from start to estimate. With 0 the declared
+        priors stand.
 
     Raises
     ------
@@ -82,14 +97,41 @@ def run_delay_bank(
     settings = settings or FilterSettings()
     bank = run_bank(record, system, settings, held={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
-    found = _closing_in(record, system, settings, name, grid, best)
+    between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
+    found = _closing_in(record, system, settings, name, grid, float(grid[best]), between, None)
+    for _ in range(widenings):
+        held_back = contradicted(system, found.parameters)
+        if not held_back:
+            break
+        system = _widened(system, held_back)
+        half = 0.5 * (between[1] - between[0])
+        between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
+        found = _closing_in(record, system, settings, name, grid, found.delay, between, found.about)
     held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
     problem = filter_problem(record, held, settings.max_step)
-    estimate = filter_record(problem, settings, about=found.about)
+    estimate = filter_record(problem, settings, about=None if found.about is None else found.about[:, :, 0])
+    held_back = contradicted(system, estimate.as_dict())
+    if held_back and estimate.outcome is Outcome.CONVERGED:
+        told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
+        estimate = replace(estimate, message=f"but far from the start, in sigmas of its prior: {told}; start again from this result")
     if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
         estimate = _with_delay(estimate, name, system.parameters[name].unit, found, len(system.states))
     mean = float(weights @ grid)
-    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, found.delay, found.std, found.std == 0.0, estimate)
+    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, found.delay, found.std, found.std == 0.0, estimate, held_back)
+
+
+def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the System starts them, with these sigmas."""
+    free = [system.parameters[name] for name in system.parameters.free_names if name in values]
+    far = [(item.name, (values[item.name] - item.value) / item.prior_std) for item in free if item.prior_std > 0]
+    return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
+
+
+def _widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
+    """The System with the prior of each of these as wide as its estimate is far."""
+    return replace(
+        system, parameters=system.parameters.with_prior({name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back})
+    )
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
@@ -112,23 +154,32 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 @dataclass(frozen=True, eq=False)
 class _Found:
     """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean ``(n,)`` per second of delay,
-    and the smoothed trajectory ``(n, N)`` of the nearest filter."""
+    the smoothed trajectory ``(n, N, 1)`` of the nearest filter and the parameters at its end."""
 
     delay: float
     std: float
     slope: np.ndarray
     about: np.ndarray | None
+    parameters: Mapping[str, float]
 
 
-def _closing_in(record: Record, system: System, settings: FilterSettings, name: str, grid: np.ndarray, best: int) -> _Found:
+def _closing_in(
+    record: Record,
+    system: System,
+    settings: FilterSettings,
+    name: str,
+    grid: np.ndarray,
+    best: float,
+    between: tuple[float, float],
+    about: np.ndarray | None,
+) -> _Found:
     """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first.
 
     Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only the bank that is close enough to
     give the answer is iterated until it has settled: before that the likelihoods of neighbours differ by far more.
     """
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    nowhere = _Found(float(grid[best]), 0.0, np.zeros(0), None)
-    about = None
+    low, high = between
+    nowhere = _Found(best, 0.0, np.zeros(0), about, {})
     for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
         bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
@@ -136,11 +187,12 @@ def _closing_in(record: Record, system: System, settings: FilterSettings, name: 
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
+        nowhere = _Found(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
         if top in (0, _POINTS - 1):
             shift = (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
             shift = min(shift, grid[-1] - high)
             if shift == 0.0:
-                return replace(nowhere, delay=float(fine[top]), about=about[:, :, 0])
+                return nowhere
             low, high = low + shift, high + shift
             continue
         near = slice(top - 1, top + 2)
@@ -153,15 +205,20 @@ def _closing_in(record: Record, system: System, settings: FilterSettings, name: 
             delay, curvature = vertex(fine[near], bank.log_likelihood)
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
                 slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
-                return _Found(delay, curvature**-0.5, slope, trajectories[:, :, 1])
+                nearest = trajectories[:, :, 1:2]
+                return _Found(delay, curvature**-0.5, slope, nearest, _at_end(system, nearest))
             if curvature > 0 and np.all(bank.sound):
                 low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
                 continue
-            return replace(nowhere, delay=float(fine[top]), about=about[:, :, 0])
+            return nowhere
         delay, curvature = vertex(fine[near], bank.log_likelihood[near])
         half = max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
         low, high = delay - half, delay + half
     return nowhere
+
+
+def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
+    return dict(zip(system.parameters.free_names, trajectory[len(system.states) :, -1, 0].tolist(), strict=True))
 
 
 def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:

@@ -64,6 +64,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
             {"name": row.name, "estimate": row.estimate, "loop_equivalent": row.equivalent, "sigmas": row.sigmas} for row in bias_rows(study)
         ],
         "not_identifiable": [{"name": a, "with": b, "correlation": r} for a, b, r in not_identifiable(estimate)],
+        "contradicted_priors": [{"name": name, "sigmas": sigmas} for name, sigmas in bank.contradicted],
         "misfit": _misfit(study.misfit),
         "residual_tests": [
             {"name": t.name, "channel": t.channel, "statistic": t.statistic, "p_value": t.p_value, "passed": t.passed, "sentence": t.sentence}

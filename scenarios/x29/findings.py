@@ -67,6 +67,11 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         listed = "; ".join(f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)" for r in rows)
         if rows:
             out.append(f"bias of a model of low order, beyond two sigmas of white innovations: {listed}")
+    held_back = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
+    if held_back:
+        out.append(
+            f"P0 contradicts the record, ends in its sigmas from the start: {', '.join(held_back)}; the start holds these back, a restart moves on"
+        )
     for name, other, r in not_identifiable(study.result.estimate):
         out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}; it holds the bias of the model's order")
     record, own_frequency = study.check.record, study.result.quality("natural_frequency")

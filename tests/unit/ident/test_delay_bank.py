@@ -47,6 +47,35 @@ def test_refined_delay_and_parameters_are_the_true_ones() -> None:
     np.testing.assert_allclose(found.weights @ found.delays, found.weighted_mean)
 
 
+FAR_STARTS = ({"M_alpha": 2.5, "M_delta": 2.0}, {"M_q": 0.3}, {"inv_tau": 0.3}, {"M_delta": -1.0}, {"M_alpha": 0.2})
+
+
+@pytest.mark.parametrize("factors", FAR_STARTS, ids=lambda factors: ", ".join(factors))
+def test_the_result_hangs_on_no_start_that_is_far_off(factors: dict[str, float]) -> None:
+    flown = problem.record(2)
+    near = run_delay_bank(flown, problem.system(flown))
+    assert near.contradicted == () and near.estimate.message == ""
+    start = problem.system(flown)
+    priors = {name: abs(factor) * start.parameters[name].prior_std for name, factor in factors.items()}
+    parameters = start.parameters.with_values({name: factor * start.parameters[name].value for name, factor in factors.items()}).with_prior(priors)
+    far = run_delay_bank(flown, replace(start, parameters=parameters))
+    assert far.contradicted == () and not far.at_edge
+    assert abs(far.refined - near.refined) < near.refined_std
+    for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
+        assert abs(far.estimate.value(name) - near.estimate.value(name)) < max(near.estimate.sigma(name), far.estimate.sigma(name)), name
+
+
+def test_priors_that_are_to_stand_are_told_where_the_record_contradicts_them() -> None:
+    flown = problem.record(2)
+    start = problem.system(flown)
+    low = start.parameters["M_q"].value * 0.3
+    start = replace(start, parameters=start.parameters.with_values({"M_q": low}).with_prior({"M_q": 0.25 * abs(low)}))
+    held = run_delay_bank(flown, start, widenings=0)
+    named = dict(held.contradicted)
+    assert named["M_q"] == pytest.approx((held.estimate.value("M_q") - low) / (0.25 * abs(low)), rel=0.1) and named["M_q"] < -3.0
+    assert "M_q by" in held.estimate.message and "start again" in held.estimate.message
+
+
 def test_a_delay_outside_the_grid_is_told() -> None:
     flown = problem.record(3, duration=5.0)
     found = run_delay_bank(flown, problem.system(flown), (0.0, 0.02, 0.04))
