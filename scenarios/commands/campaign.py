@@ -14,8 +14,13 @@ from scenarios.commands.failures import named_after
 
 def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
-    from scenarios.library import load_scenario, scenario_file
+    from scenarios.library import load_scenario, scenario_file, scenario_kind
 
+    if scenario_kind(name) == "standin":
+        from scenarios.commands.standin import standin_campaign
+
+        standin_campaign(name, runs, seed, out, changes)
+        return
     scenario = load_scenario(name, changes)
     with named_after(scenario_file(name)):
         campaign = fly_campaign(scenario, runs, seed)

@@ -48,3 +48,20 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     for stem, record in zip(names, flight.records, strict=True):
         write_record(out.parent, record, stem)
     print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv")
+
+
+def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
+    from scenarios.library import load_document, scenario_file
+    from scenarios.progress import progress_bar
+    from scenarios.standin.campaign import fly_standin_campaign
+    from scenarios.standin.campaign_text import campaign_text, write_campaign
+    from scenarios.standin.schema import standin_of
+
+    standin = standin_of(*load_document(name, changes))
+    with named_after(scenario_file(name)), progress_bar() as progress:
+        judged = fly_standin_campaign(standin, runs, seed, progress)
+    print(campaign_text(standin, judged), end="")
+    if out is not None:
+        write_campaign(standin, judged, out)
+        print(f"written to {out}")

@@ -98,7 +98,10 @@ class Hidden:
 
 @dataclass(frozen=True)
 class StandIn:
-    """A named study of the loop on flights that look measured. ``wrong``: share by which starting values are off, drawn evenly, sign at random."""
+    """A named study of the loop on flights that look measured. ``wrong``: share by which starting values are off, drawn evenly, sign at random.
+
+    ``draws``: flights that pseudo-true values rest on in a campaign, none without them.
+    """
 
     name: str
     title: str
@@ -107,4 +110,5 @@ class StandIn:
     causes: Causes
     hidden: Hidden
     wrong: Span = (0.05, 0.3)
+    draws: int = 20
     seed: int = 1

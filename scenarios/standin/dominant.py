@@ -115,7 +115,7 @@ def _value(drawn: Drawn, name: str) -> float:
 
 
 def _omega(drawn: Drawn) -> float:
-    return short_period({item.name: item.value for item in drawn.declared.parameters})
+    return short_period(drawn.declared)
 
 
 def _along(most: Direction, absent: float = 0.0) -> AtSize:
@@ -158,7 +158,7 @@ def _control(drawn: Drawn, rng: np.random.Generator) -> AtSize:
 
 
 def _rate(drawn: Drawn, rng: np.random.Generator) -> AtSize:
-    return lambda size: {"rate": _fastest(drawn) * (1.0 - 0.97 * math.sqrt(size))}
+    return lambda size: {"rate": 1.05 * _fastest(drawn) * (1.0 - 0.97 * math.sqrt(size))}
 
 
 def _mode(drawn: Drawn, rng: np.random.Generator) -> AtSize:

@@ -21,6 +21,7 @@ from sim.model import Model, Noise
 from sim.parameters import Parameter, ParameterSet
 from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, model_from_constants
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.linear import linearise
 from sim.vehicles.short_period import G0
 
 ELEVATOR = "elevator"
@@ -73,7 +74,7 @@ def draw(standin: StandIn, rng: np.random.Generator) -> Drawn:
     values = {item.name: item.value for item in declared.parameters}
     count = int(rng.integers(flight.records[0], flight.records[1] + 1))
     kinds = _dealt(flight.maneuvers, count, rng)
-    unit = float(np.clip(1.6 / short_period(values), 0.2, 1.2))
+    unit = float(np.clip(1.6 / short_period(declared), 0.2, 1.2))
     moves = tuple(maneuver(kind, rng, rng.uniform(*flight.amplitude), unit, flight.duration, flight.surface) for kind in kinds)
     rate = float(rng.choice(flight.rates))
     chances = rng.random(len(OPTIONAL))
@@ -98,12 +99,9 @@ def drawn_vehicle(name: str, variation: float, rng: np.random.Generator) -> Mode
     return model_from_constants("rigid", {**body, "airspeed": constants["airspeed"], "air_density": constants["air_density"]}, changed)
 
 
-def short_period(v: Mapping[str, float]) -> float:
-    """Frequency of the short period, rad/s: omega^2 = -(M_alpha + M_q L_alpha)."""
-    pressure = 0.5 * v["air_density"] * v["airspeed"] ** 2 * v["wing_area"]
-    moment = pressure * v["chord"] / v["pitch_inertia"]
-    damping = moment * v["Cm_q"] * v["chord"] / (2.0 * v["airspeed"])
-    return math.sqrt(max(0.05, -(moment * v["Cm_alpha"] + damping * pressure * v["CL_alpha"] / (v["mass"] * v["airspeed"]))))
+def short_period(declared: Model) -> float:
+    """Frequency of the short period, rad/s: the root of the product of its roots."""
+    return math.sqrt(max(0.05, float(np.linalg.det(linearise(declared).A))))
 
 
 def complete(declared: Model, causes: Causes) -> Model:

@@ -75,6 +75,7 @@ class _Hidden(_Strict):
 
 class _Estimate(_Strict):
     wrong: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 0.3]
+    draws: int = Field(default=20, ge=0)
 
 
 class _StandIn(_Strict):
@@ -123,6 +124,7 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
         _causes(content.causes, f"{where}, key causes"),
         Hidden(hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{where}, key hidden.reduction")),
         _shares(content.estimate.wrong, f"{where}, key estimate.wrong"),
+        content.estimate.draws,
         content.seed,
     )
 

@@ -1,0 +1,68 @@
+"""Stand-ins on the command line, with a loop that answers at once; and the loop itself in a campaign, slow."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ident.tracing.diagnosis import Verdict
+from scenarios.files.records import read_record
+from scenarios.library import load_document
+from scenarios.standin import study
+from scenarios.standin.campaign import fly_standin_campaign, shares
+from scenarios.standin.schema import standin_of
+from sim.record import Hold
+from tests.diagnoses import tracing_of
+from tests.integration.command_line import CommandLine
+
+SHORT = ("--set", "flight.duration=8", "--set", "flight.records=[2,2]", "--set", "flight.step=0.02", "--set", "flight.rates=[25]")
+
+
+def test_simulate_writes_all_records_of_the_flight(flightid: CommandLine, tmp_path: Path) -> None:
+    said = flightid.done("simulate", "standin-none", "--seed", "3", "--out", str(tmp_path / "flight.csv"), *SHORT)
+    assert "2 records of one flight: flight_1.csv to flight_2.csv" in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight_1.csv", "flight_1.json", "flight_2.csv", "flight_2.json"]
+    record = read_record(tmp_path / "flight_1.csv", ["elevator"], ["alpha", "q", "nz"])
+    assert record.hold is Hold.LINEAR and len(record) == 201
+
+
+def test_run_writes_a_study(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    def answer(records: list[Path], vehicle: Path, progress: object) -> object:
+        seen.append(len(records))
+        assert vehicle.is_file() and all(path.is_file() for path in records)
+        return tracing_of(Verdict.PARTIAL)
+
+    monkeypatch.setattr(study, "diagnosed", answer)
+    said = flightid.done("run", "standin-none", "--no-figures", "--out", str(tmp_path / "s"), *SHORT)
+    assert seen == [2] and "nothing dominates" in said and "derivatives against the nominal ones" in said
+    content = json.loads((tmp_path / "s" / "comparison.json").read_text())
+    truth = json.loads((tmp_path / "s" / "truth.json").read_text())
+    assert content["outcome"] == "partial" and content["false_claims"] == ["sensor-lag:alpha", "sensor-scale:nz"]
+    assert set(content["parameters"]) == set(truth["parameters"])
+    assert truth["effects"] == [] and set(truth["records"]) == {"record_1", "record_2"}
+    assert {"record_1.csv", "record_2.csv", "vehicle.toml", "diagnosis.json"} <= {path.name for path in (tmp_path / "s").iterdir()}
+
+
+def test_campaign_prints_shares_with_intervals(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.CONSISTENT))
+    said = flightid.done("campaign", "standin-none", "--runs", "2", "--out", str(tmp_path / "c"), "--set", "estimate.draws=0", *SHORT)
+    assert "flights with a claim that nothing true stands behind" in said and "0 of 2" in said
+    content = json.loads((tmp_path / "c" / "campaign.json").read_text())
+    assert content["shares"]["false_claims"]["count"] == 0
+    assert content["shares"]["false_claims"]["interval"][1] == pytest.approx(1.0 - 0.025**0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["standin-none", "standin-one"])
+def test_campaign_of_the_loop(name: str) -> None:
+    """What is asked of the loop on data that look measured, as far as so many flights can contradict it: an interval that excludes it fails."""
+    found = shares(fly_standin_campaign(standin_of(*load_document(name)), 12, 500))
+    assert found["false_claims"].interval[0] <= 0.05
+    assert found["held_out_worse"].interval[0] <= 0.05
+    assert found["named"].interval[1] >= 0.9
+    low, high = found["within_two_sigma"].interval
+    assert low <= 0.98 and high >= 0.90
