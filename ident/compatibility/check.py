@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.compatibility.faults import DRIFT, faults_of
+from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
-from ident.compatibility.search import Searched, beside, bias_estimates, estimate_of, search, tried
+from ident.compatibility.search import Searched, Trial, beside, bias_estimates, estimate_of, search, tried
 from ident.compatibility.signals import measured_channels, relations, signals_of
 from sim.errors import RecordError
 from sim.record import Record
@@ -79,10 +79,12 @@ def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:
 
 def _by_itself(base: Fit, joint: Searched, settings: CompatibilitySettings, count: int) -> CheckResult:
     """One record of several: each fault beside the same others as in all, and drifts, which belong to one record, beside all that stands."""
-    before = {trial.found.faults[:-1]: trial.found for trial in joint.trials}
-    starts = {faults: beside(base, faults, found.sizes[:-1]) for faults, found in before.items()}
     current = beside(base, joint.found.faults, joint.found.sizes)
-    trials = [tried(starts[trial.found.faults[:-1]], trial.fault) for trial in joint.trials]
+    by_fault: dict[SensorFault, Trial] = {}
+    for before, sizes in {trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials}.items():
+        start = current if before == joint.found.faults else beside(base, before, sizes)
+        by_fault |= {trial.fault: trial for trial in tried(start, [t.fault for t in joint.trials if t.found.faults[:-1] == before])}
+    trials = [by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))
     faults = [fault for fault in faults_of(channels, drifts=True) if fault.kind == DRIFT]
     drifts = search(current, faults, [], replace(settings, false_alarm=settings.false_alarm / count, most=1))

@@ -46,8 +46,10 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
     unknowns = [unknowns_of(s) for s in found.signals]
     largest = np.array([fault.largest for fault in found.faults])
     total = len(prior) - len(sizes)
-    for _ in range(_PASSES):
-        lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
+    lines = list(zip(found.outputs, found.jacobians, strict=True))
+    for turn in range(_PASSES):
+        if turn:
+            lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
         measured = [np.array([s.channels[name] for name in s.outputs]) for s in found.signals]
         residuals = [np.where(s.valid, z - y, 0.0) for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)]
         counts = np.sum([s.valid.sum(axis=1) for s in found.signals], axis=0)
@@ -67,7 +69,7 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
             own[r] = own[r] + step[place : place + len(own[r])]
             place += len(own[r])
         sizes = np.clip(sizes + step[place:], -largest, largest)
-        if np.all(np.abs(step) <= 0.02 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
+        if np.all(np.abs(step) <= 0.1 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
             break
     spread = np.diag(prior)
     for s, J, where in zip(found.signals, columns, at, strict=True):
@@ -81,5 +83,6 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 def difference_in_sigmas(one: float, var_one: float, other: float, var_other: float) -> float:
     """``one - other`` over its standard deviation where ``other`` is efficient: the variances subtract (Hausman, Econometrica 46(6), 1978)."""
-    variance = max(var_one - var_other, 0.05 * var_one)
+    # Where both are all but equal, what the linear theory leaves out is more than their difference.
+    variance = max(var_one - var_other, 0.2 * max(var_one, var_other))
     return (one - other) / math.sqrt(variance) if variance > 0 else 0.0

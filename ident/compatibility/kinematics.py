@@ -7,7 +7,7 @@ V_dot = ax cos(alpha) - g nz sin(alpha) - g sin(theta - alpha).
 
 Without theta gravity's turn along the path is unknown and the first becomes, about the mean flight,
 alpha_dot = q - (g/V) (nz - n0) + (g/V) (c1 d - c2 d^2/2), d = integral of (g/V)(nz - n0): c1 = -sin(gamma0), c2 = cos(gamma0)
-and n0 free. Without ax, nz is the load normal to the path.
+and n0 are free, c2 about 0.5: in records of linear equations gravity does not turn and c2 is zero. Without ax, nz is the load normal to the path.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SWEEPS = 5  # alpha stands on the right side under small factors: each sweep ga
 def reconstructed(s: Signals, value: Values) -> np.ndarray:
     """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P, 1)``.
 
-    Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")``, ``("turn", "2")`` and ``("jump", "nz")``.
+    Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")`` = c1, ``("turn", "2")`` = c2 - 0.5 and ``("jump", "nz")``.
     """
     h = s.steps
     speed = s.speed
@@ -46,7 +46,7 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
             alpha = _with_theta(s, value, inputs, over_speed, load, states["theta"], h)
         else:
             turn = _sum(load)
-            bend = s.gravity * over_speed * h * _middle(value("turn", "1") * turn - 0.5 * value("turn", "2") * turn**2)
+            bend = s.gravity * over_speed * h * _middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
             alpha = value("start", "alpha") + _sum(inputs["q"] - load + bend)
         states["alpha"] = alpha
     if "airspeed" in s.outputs:

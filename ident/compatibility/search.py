@@ -10,13 +10,14 @@ import numpy as np
 
 from ident.compatibility.estimates import difference_in_sigmas, output_error, smoother_sigmas
 from ident.compatibility.faults import ARM, BIAS, DELAY, LAG, SensorFault
-from ident.compatibility.fitting import Fit, bounded_inverse, evaluate, fit, positions, unknowns_of
+from ident.compatibility.fitting import Fit, bounded_inverse, evaluate, fit, one_step, positions, unknowns_of
 from ident.compatibility.noise import whitener
 from ident.compatibility.result import CompatibilitySettings, Quantity, SensorEstimate, SensorFinding
 
 _NEAR = 6.0  # of log likelihood: a fault that gains as much as another within this is not told from it
 _RIVAL = 0.5  # share of the best gain below which a collinear fault is ruled out all the same
 _REPLICATION = 1e-3
+_WORTH = 2.5  # first-order gain from which a fault is fitted in full
 _DEMANDED = 3.0  # standard deviations
 
 
@@ -37,9 +38,17 @@ class Trial:
         return 0.0 < self.variance < self.fault.plausible**2
 
 
-def tried(base: Fit, fault: SensorFault) -> Trial:
-    """Fit one more fault, begun where it vanishes."""
-    found = fit(base.signals, (*base.faults, fault), base)
+def tried(base: Fit, faults: Sequence[SensorFault]) -> list[Trial]:
+    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to matter."""
+    out = []
+    for fault, quick in zip(faults, one_step(base, faults), strict=True):
+        first = _trial(base, fault, quick)
+        worth = first.gain > _WORTH or abs(first.size) > 0.5 * fault.plausible
+        out.append(_trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first)
+    return out
+
+
+def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
     sigmas = smoother_sigmas(found)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
@@ -121,7 +130,7 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
     ``bases`` are the base fits of each record alone, for replication.
     """
     level = settings.false_alarm / max(len(faults), 1)
-    left, current = [tried(base, fault) for fault in faults], base
+    left, current = tried(base, faults), base
     findings: list[SensorFinding] = []
     done: list[Trial] = []
     refused: list[Trial] = []
@@ -139,7 +148,7 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
         closed = [trial for trial in left if trial in group or _same_lateness(trial.fault, best.fault)]
         done += closed
         findings += [_finding(trial, (), stands=False) for trial in closed if trial not in group]
-        left = [tried(current, trial.fault) for trial in left if trial not in closed]
+        left = tried(current, [trial.fault for trial in left if trial not in closed])
     disagreeing = {trial.fault for trial in refused}
     rest = sorted(left, key=lambda trial: trial.p_value)
     findings += [_finding(trial, (), stands=False, replicates=trial.fault not in disagreeing) for trial in rest]
@@ -159,7 +168,7 @@ def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
 
     if len(bases) < 2:
         return True
-    alone = [tried(beside(base, current.faults, current.sizes), trial.fault) for base in bases]
+    alone = [tried(beside(base, current.faults, current.sizes), [trial.fault])[0] for base in bases]
     v, w = np.array([t.size for t in alone if t.told]), np.array([1.0 / t.variance for t in alone if t.told])
     if len(v) < 2:
         return False

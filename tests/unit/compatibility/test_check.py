@@ -170,5 +170,5 @@ def test_a_channel_that_does_not_move_ends_well() -> None:
 
 
 def test_exact_data_end_well() -> None:
-    found = compatibility([record(ALL, noise=0.0)], SETTINGS)
+    found = compatibility([record(FOUR, noise=0.0)], SETTINGS)
     assert all(np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all() for item in found.joint.estimates)
