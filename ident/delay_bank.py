@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.bank import BankEstimate, run_bank
-from ident.ekf import FilterSettings, filter_record
+from ident.bank_history import filter_alone
+from ident.ekf import FilterSettings
 from ident.estimate import Estimate, Outcome
 from ident.iterated_bank import run_iterated_bank
-from ident.setup import filter_problem
 from sim.errors import ModelError
 from sim.record import Record
 from sim.system import System
@@ -108,8 +108,7 @@ def run_delay_bank(
         between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
         found = _closing_in(record, system, settings, name, grid, found.delay, between, found.about)
     held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
-    problem = filter_problem(record, held, settings.max_step)
-    estimate = filter_record(problem, settings, about=None if found.about is None else found.about[:, :, 0])
+    estimate = filter_alone(record, held, settings, None if found.about is None else found.about[:, :, 0])
     held_back = contradicted(system, estimate.as_dict())
     if held_back and estimate.outcome is Outcome.CONVERGED:
         told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)

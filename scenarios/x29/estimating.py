@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.bank import BankEstimate, run_bank
+from ident.bank_history import filter_alone
 from ident.delay_bank import DELAYS, DelayBank, likelihood_weights, run_delay_bank
-from ident.ekf import FilterSettings, filter_record
 from ident.estimate import Estimate, Outcome
 from ident.iterated_bank import run_iterated_bank
 from ident.noise_envelope import noise_envelope
-from ident.setup import filter_problem
 from ident.smoother import smooth
 from scenarios.loes_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
@@ -109,8 +108,7 @@ def rough(setting: SetUp) -> tuple[Estimate, float]:
     delays = np.array(ROUGH_DELAYS)
     bank, trajectories = run_iterated_bank(setting.record, setting.system, held={"delay": delays}, tolerance=np.inf)
     best = int(np.argmax(bank.log_likelihood))
-    problem = filter_problem(setting.record, _at(setting.system, float(delays[best])), np.inf)
-    return filter_record(problem, FilterSettings(), about=trajectories[:, :, best]), float(delays[best])
+    return filter_alone(setting.record, _at(setting.system, float(delays[best])), about=trajectories[:, :, best]), float(delays[best])
 
 
 def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndarray:
