@@ -14,6 +14,7 @@ from scenarios.candidates import candidates_for, read_effects
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import hold_out
+from scenarios.preparing import about_trim
 from sim.effect import Effect
 from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
@@ -158,8 +159,8 @@ def _read(
     inputs, outputs = [signal.name for signal in model.equations.inputs], [signal.name for signal in model.equations.outputs]
     choices = read_channel_map(channels) if channels is not None else None
     # Named by their files: a sidecar's name may be the same for all of them.
-    fitted = [replace(read_record(path, inputs, outputs, choices, start, stop), name=path.name) for path in records]
-    predicted = [replace(read_record(path, inputs, outputs, choices), name=path.name) for path in validate]
+    fitted = [about_trim(replace(read_record(path, inputs, outputs, choices, start, stop), name=path.name))[0] for path in records]
+    predicted = [about_trim(replace(read_record(path, inputs, outputs, choices), name=path.name))[0] for path in validate]
     _same_stick([*fitted, *predicted])
     measured = {name for record in fitted for name in record.output_names}
     for record in predicted:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, 
 from ident.tracing.expansion import quantities, records_of
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
-from ident.tracing.partial import stand_by_themselves
-from ident.tracing.search import grow, look_back, refined
+from ident.tracing.partial import Partial, stand_by_themselves
+from ident.tracing.search import extended, grow, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
@@ -100,15 +101,35 @@ def diagnose(
         effects = [_hint(effect) for effect in effects]
         partial = stand_by_themselves(search, root, seen, kept)
         if partial is not None:
-            verdict, best, out_after, scatter = Verdict.PARTIAL, partial.node, partial.out, partial.scatter
-            effects = [*partial.claims, *(effect for effect in effects if effect.name.startswith("sensor-spikes"))]
             search.evidence += partial.evidence
-            tests_after = tuple(whiteness(best.fit, "fitted"))
-            warnings = not_noise(tests_after, settings.white)
+            scatter = partial.scatter
+            spikes = [effect for effect in effects if effect.name.startswith("sensor-spikes")]
+            again = _judged_again(search, root, partial, spikes, seen, kept, out_before)
+            verdict, best, out_after, effects, tests_after, warnings = again
     stage("held out")
     return _diagnosis(
         search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, scatter
     )
+
+
+def _judged_again(
+    search: Search,
+    root: Node,
+    partial: Partial,
+    spikes: Sequence[Claim],
+    validation: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    before: HeldOut,
+) -> tuple[Verdict, Node, HeldOut, list[Claim], tuple[ResidualTest, ...], list[str]]:
+    """The verdict on effects that stand by themselves: with a further one, they may leave noise after all."""
+    best, out = best_by_held_out(search, extended(search, root, partial.node), validation, masks)
+    tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
+    claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
+    verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
+    if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
+        return verdict, best, out, claims, tests, warnings
+    tests = tuple(whiteness(partial.node.fit, "fitted"))
+    return Verdict.PARTIAL, partial.node, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
 
 
 def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
@@ -121,7 +142,11 @@ def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
 
 
 def _hint(claim: Claim) -> Claim:
-    return Claim(claim.name, claim.parameters, claim.alternatives, False, claim.records, claim.explanation)
+    return replace(claim, claimed=False)
+
+
+def _claimed(claim: Claim) -> Claim:
+    return replace(claim, claimed=True)
 
 
 def _diagnosis(

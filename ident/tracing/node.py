@@ -104,15 +104,17 @@ def fit_set(
     values: Values | None = None,
     added: Mapping[str, float] | None = None,
     levels: Mapping[str, float] | None = None,
+    apart: Sequence[Effect] = (),
 ) -> Node | None:
     """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
 
-    ``levels`` of the noise, of a set with process noise, are a warm start for another such set.
+    ``levels`` of the noise, of a set with process noise, are a warm start for another such set. Effects in ``apart`` get parameters of
+    their own for each record even though all records share them.
 
     None where the fit found no finite cost.
     """
     full, system = compiled_with(model, effects, outputs)
-    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+    local = [name for effect in effects if belongs_to_record(effect) or effect in apart for name in free_names(effect)]
     plain = lay_out(records, system, settings, local=local, masks=masks)
     start, guesses = plain.start, None
     if values is not None or added:

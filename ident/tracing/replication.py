@@ -1,4 +1,4 @@
-"""Does an effect come out alike from each record by itself? Chance and colour do not replicate; a cause does."""
+"""Does an effect come out alike from each record? Chance and colour do not replicate; a cause does."""
 
 from __future__ import annotations
 
@@ -31,45 +31,67 @@ class Flight:
     outputs: tuple[str, ...]
     settings: TraceSettings
 
-    def fit(self, effects: Sequence[Effect], which: Sequence[int], start: Values | None, added: Mapping[str, float] | None = None) -> Node | None:
-        """Fit a set to some of the records, from the values of a fit of all of them or, for what is ``added``, from there."""
+    def fit(
+        self,
+        effects: Sequence[Effect],
+        which: Sequence[int],
+        start: Values | None,
+        added: Mapping[str, float] | None = None,
+        apart: Sequence[Effect] = (),
+    ) -> Node | None:
+        """Fit a set to some of the records, from the values of a fit of all of them or, for what is ``added``, from there.
+
+        Each record has its own parameters of the effects in ``apart``.
+        """
         settings = FitSettings(max_step=2.0 * self.settings.max_step, iterations=20, tolerance=0.02, enough=0.1)
         values = None if start is None else Values(start.shared, tuple(start.own[r] for r in which), tuple(start.states[r] for r in which))
         records, masks = [self.records[r] for r in which], [self.masks[r] for r in which]
-        return fit_set(records, self.model, effects, list(self.outputs), settings, masks, 0.0, values, added)
+        return fit_set(records, self.model, effects, list(self.outputs), settings, masks, 0.0, values, added, apart=apart)
 
 
 @dataclass(frozen=True, eq=False)
 class Replication:
-    """One effect's parameters from each record by itself, by local name; ``agrees`` where they are one value but for their scatter."""
+    """One effect's parameters as each record has them, by local name; ``agrees`` where they are one value but for their scatter."""
 
     values: tuple[Mapping[str, Quantity], ...]
     agrees: bool
 
 
-def replicate(flight: Flight, effects: Sequence[Effect], effect: Effect, alone: Sequence[Node | None]) -> Replication:
-    """Compare an effect's parameters over fits of single records.
+def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
+    """Let each record have an effect's parameters for itself, the derivatives in common, and compare.
 
-    A curve's shapes trade off against each other and against the derivatives: for effects with more than two parameters it is
-    the held-out errors that have to agree, not the numbers.
+    A record by itself may not tell an effect from a derivative; all of them together do. A curve's shapes trade off against
+    each other: for effects with more than two parameters it is the held-out errors that have to agree, not the numbers.
     """
-    each = tuple(own_quantities(node, effect) if node is not None else {} for node in alone)
-    agrees = all(node is not None for node in alone)
-    if agrees and sum(item.free for item in effect.parameters) <= 2:
-        agrees = all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0])
+    everything, shared = range(len(flight.records)), joint.values.shared
+    names = {full_name(effect, item.name) for item in effect.parameters if item.free}
+    node = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, (effect,))
+    if node is None:
+        return Replication((), False)
+    each = by_record(node, effect)
+    agrees = len(names) > 2 or all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0])
     return Replication(each, agrees)
 
 
-def own_quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
-    """An effect's parameters in a fit, with sigmas corrected for coloured residuals."""
+def by_record(node: Node, effect: Effect) -> tuple[dict[str, Quantity], ...]:
+    """An effect's parameters in each record of a fit, with sigmas corrected for coloured residuals; alike where they are shared."""
     covariance, _ = fit_covariance(node.fit)
     places = {name: i for i, name in enumerate(node.fit.layout.names)}
-    found = {}
-    for item in effect.parameters:
-        at = places.get(full_name(effect, item.name))
-        if at is not None:
-            found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
-    return found
+    out = []
+    for r in range(len(node.fit.layout.problems)):
+        found = {}
+        for item in effect.parameters:
+            full = full_name(effect, item.name)
+            at = places.get(full, places.get(f"{full}, record {r + 1}"))
+            if at is not None:
+                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+        out.append(found)
+    return tuple(out)
+
+
+def own_quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+    """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
+    return by_record(node, effect)[0]
 
 
 def _alike(found: Sequence[Quantity], absent: float | None) -> bool:

@@ -6,12 +6,15 @@ effect has to show that it is still needed.
 
 from __future__ import annotations
 
+from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
 from ident.tracing.node import Node
 from ident.tracing.scoring import is_white
 from ident.tracing.search_state import Search
 from sim.tracing import Refinable
+
+DOMINANT = 3.0  # times what the best single cause brings: random motion that brings so much is no stand-in for a cause
 
 
 def grow(search: Search, root: Node) -> Node:
@@ -23,22 +26,42 @@ def grow(search: Search, root: Node) -> Node:
     """
     search.keep(root, root.criterion)
     first = beam = [freer_form(search, node) for node in _best(search, expand(search, root, 1))]
+    moving: list[Node] = []
     if not any(is_white(node) for node in beam):
-        beam = _best(search, [*beam, *_moving(search, [root], 1)])
+        moving = with_random_motion(search, root, 1)
+        most = max((search.score(root) - search.score(node) for node in beam), default=0.0)
+        plain = [node for node in moving if is_white(node) or search.score(root) - search.score(node) > DOMINANT * most]
+        beam = _best(search, [*beam, *plain])
     for number in range(2, search.settings.depth + 1):
         children: list[Node] = []
         for place, node in enumerate(beam):
             found = expand(search, node, number)
             children += found
-            if place == 0 and not found and is_white(node):
+            if place == 0 and (is_white(node) if not found else is_forced(node.system) and any(is_white(child) for child in found)):
                 break
         beam = [freer_form(search, node) for node in _best(search, children)]
         if number == 2 and not any(is_white(node) for node in (*first, *beam)):
-            # Random motion with one cause: only where no pair of causes does better.
-            beam = _best(search, [*beam, *_moving(search, first, 2)])
+            # Random motion with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
+            together = _moving(search, first, 2) or [child for node in moving for child in expand(search, node, 2)]
+            beam = _best(search, [*beam, *together])
         if not beam:
             break
     return min(search.nodes.values(), key=search.score)
+
+
+def extended(search: Search, root: Node, node: Node) -> Node:
+    """A set that was found by other means, extended like those of the search, with half of its means anew."""
+    search.spent = min(search.spent, 0.5 * search.settings.budget)
+    search.keep(node, search.score(root) - search.gain(root, node))
+    best = freer_form(search, search.nodes[frozenset(node.names)])
+    while len(best.effects) < search.settings.depth and not is_white(best):
+        number = len(best.effects) + 1
+        # Random motion first: one fit tells whether it is all that is missing.
+        children = _moving(search, [best], number) or expand(search, best, number)
+        if not children:
+            break
+        best = freer_form(search, min(children, key=search.score))
+    return best
 
 
 def _moving(search: Search, nodes: list[Node], number: int) -> list[Node]:

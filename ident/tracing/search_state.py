@@ -19,6 +19,7 @@ from sim.record import Record
 
 FORCED = 4.0  # a fit with process noise costs as much as so many without
 UNIT = 100.0  # iterations times unknowns of a small fit
+USUAL = 1500.0  # samples of a record whose fits count once
 
 
 @dataclass(eq=False)
@@ -55,9 +56,14 @@ class Search:
         values, levels = (None, None) if start is None else (start.values, levels_of(start))
         node = fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
         if node is not None:
-            work = (node.fit.iterations + 2) * len(node.fit.theta) / UNIT
+            work = (node.fit.iterations + 2) * len(node.fit.theta) / UNIT * self._length
             self.spent += work * FORCED if is_forced(node.system) else work
         return node
+
+    @property
+    def _length(self) -> float:
+        """How much more than a usual record there is to fit."""
+        return max(1.0, sum(len(record) for record in self.records) / USUAL)
 
     def gain(self, parent: Node, child: Node) -> float:
         """By how much an addition lowers the score: twice the log-likelihood gain over the unevenness, less its price."""

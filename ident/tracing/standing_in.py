@@ -68,10 +68,9 @@ def _alike(search: Search, best: Node, effect: Effect) -> set[str]:
 
 def _without(search: Search, best: Node, effect: Effect) -> Node | None:
     rest = tuple(other for other in best.effects if other.name != effect.name)
-    base = search.nodes.get(frozenset(other.name for other in rest))
-    if base is None and not is_forced(best.system):
-        base = search.fit(rest, best)
-    return base
+    # From the set's own values: the node kept from the way up may stand in a worse optimum.
+    known = [search.nodes.get(frozenset(other.name for other in rest)), None if is_forced(best.system) else search.fit(rest, best, rough=True)]
+    return min((node for node in known if node is not None), key=lambda node: node.fit.cost, default=None)
 
 
 def _freely(search: Search, child: Node | None, best: Node, effect: Effect) -> Node | None:

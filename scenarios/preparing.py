@@ -1,0 +1,47 @@
+"""What a measured record needs before it is fitted: inputs about their trim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.record import Channel, Record
+
+REST = 0.05  # of an input's span, within which it rests
+LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
+
+
+def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
+    """The record with each input measured from its trim, and the trims taken off, by input and in its unit.
+
+    The trim is the mean of the input before it first moves. A derivative does not notice where the zero of an input lies, since biases
+    and initial states take it up; break-out, saturation and every curve do. An input that moves at once, and one whose
+    trim is zero, stay as they are bit for bit.
+    """
+    trims: dict[str, float] = {}
+    inputs = []
+    for channel in record.inputs:
+        level = _trim(record.time, channel.values)
+        if level:
+            trims[channel.name] = level
+            channel = Channel.of(channel.name, channel.unit, channel.values - level)
+        inputs.append(channel)
+    return (replace(record, inputs=tuple(inputs)), trims) if trims else (record, trims)
+
+
+def _trim(time: np.ndarray, values: np.ndarray) -> float:
+    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it does not rest there."""
+    span = float(np.ptp(values))
+    if span == 0.0:
+        return 0.0
+    start = float(np.median(values[: max(1, int(np.searchsorted(time, time[0] + LEAST)))]))
+    away = np.abs(values - start) > REST * span
+    until = int(np.argmax(away)) if np.any(away) else len(values)
+    if until < 2 or time[until - 1] - time[0] < LEAST:
+        return 0.0
+    # The last sample before the move may already be on its way.
+    resting = values[: max(2, until - 1)]
+    level = float(np.mean(resting))
+    scatter = float(np.std(resting)) / np.sqrt(len(resting))
+    return level if abs(level) > 3.0 * scatter and abs(level) > 1e-6 * span else 0.0
