@@ -10,6 +10,7 @@ from sim.record import Channel, Record
 
 REST = 0.05  # of an input's span, within which it rests
 LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
+STILL = 0.3  # of a channel's scatter over the record, below which the aircraft rests as well
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
@@ -22,7 +23,7 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
     trims: dict[str, float] = {}
     inputs = []
     for channel in record.inputs:
-        level = _trim(record.time, channel.values)
+        level = _trim(record, channel.values)
         if level:
             trims[channel.name] = level
             channel = Channel.of(channel.name, channel.unit, channel.values - level)
@@ -30,8 +31,9 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
     return (replace(record, inputs=tuple(inputs)), trims) if trims else (record, trims)
 
 
-def _trim(time: np.ndarray, values: np.ndarray) -> float:
-    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it does not rest there."""
+def _trim(record: Record, values: np.ndarray) -> float:
+    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or the aircraft does not rest there."""
+    time = record.time
     span = float(np.ptp(values))
     if span == 0.0:
         return 0.0
@@ -41,7 +43,16 @@ def _trim(time: np.ndarray, values: np.ndarray) -> float:
     if until < 2 or time[until - 1] - time[0] < LEAST:
         return 0.0
     # The last sample before the move may already be on its way.
-    resting = values[: max(2, until - 1)]
+    until = max(2, until - 1)
+    if any(_moves(channel, until) for channel in record.outputs):
+        return 0.0
+    resting = values[:until]
     level = float(np.mean(resting))
     scatter = float(np.std(resting)) / np.sqrt(len(resting))
     return level if abs(level) > 3.0 * scatter and abs(level) > 1e-6 * span else 0.0
+
+
+def _moves(channel: Channel, until: int) -> bool:
+    """Whether a channel moves in its first samples: a maneuver that begins with a held step starts with the record."""
+    first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
+    return len(first) > 1 and float(np.std(first)) > STILL * float(np.std(every))

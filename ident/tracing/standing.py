@@ -29,6 +29,7 @@ WORSE = 0.05  # growth of ln(error) of one channel that is borne, beside twice i
 MOST, GUARDS = 6, 3  # candidates and guards fitted in full
 HOPELESS = 0.1  # of the best projected gain, below which nothing is fitted
 HALF = 0.5  # of that, on the fitted records, without which held-out ones are not asked
+FEW = 3  # records, of which the others are fitted anew when one is left out
 DEEPEST = 2
 
 
@@ -105,7 +106,11 @@ def _left_out(flight: Flight, node: Node) -> list[Fit] | None:
     """Each record predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
     fits = []
     for r, record in enumerate(flight.records):
-        frozen = held_out(without_record(node, r), [record], [flight.masks[r]], informed=False).frozen
+        trained: Node | None = without_record(node, r)
+        if len(flight.records) <= FEW:
+            others = [other for other in range(len(flight.records)) if other != r]
+            trained = flight.fit(node.effects, others, node.values)
+        frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
         if frozen is None:
             return None
         fits.append(frozen)
@@ -113,10 +118,7 @@ def _left_out(flight: Flight, node: Node) -> list[Fit] | None:
 
 
 def without_record(node: Node, r: int) -> Node:
-    """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near.
-
-    With two records that leaves one alone, and the step may be long: then it is a start for a fit of its own.
-    """
+    """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near where there are many."""
     fit, layout = node.fit, node.fit.layout
     normal, gradient = (part.copy() for part in fit.normal_equations())
     at, problem = layout.columns(r), layout.problems[r]

@@ -1,0 +1,136 @@
+"""Effects that stand where what remains is not noise: reductions with their scatter, replication, one record left out, trims."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.fit_layout import FitSettings
+from ident.output_error import fit_covariance
+from ident.tracing.acceptance import held_out
+from ident.tracing.node import Node
+from ident.tracing.reduction import reduction
+from ident.tracing.replication import Flight, replicate
+from ident.tracing.settings import TraceSettings
+from ident.tracing.standing import standing_effects, without_record
+from scenarios.preparing import about_trim
+from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.guards.products import GUARDS
+from sim.effects.input_path.input_deadband import InputDeadband
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.noise import coloured_noise
+from sim.record import Record
+from tests.bases import Flight as Flown
+from tests.bases import rigid_flight
+from tests.tracing_problem import OUTPUTS, declared, fitted, planted, search_of, with_output
+
+LATE = SensorDelay("alpha")
+SCALED = SensorScale("q")
+
+
+def coloured(record: Record, seed: int) -> Record:
+    """The record with noise added that remembers itself for 0.3 s and is twice as large as the white one."""
+    rng = np.random.default_rng((seed, 7))
+    for name, size in (("alpha", 0.002), ("q", 0.003), ("nz", 0.03)):
+        record = with_output(record, name, record[name].values + coloured_noise(rng, record.time, size, 0.3))
+    return record
+
+
+def flight_of(records: list[Record]) -> Flight:
+    masks = tuple(np.ones((len(OUTPUTS), len(record)), dtype=bool) for record in records)
+    return Flight(tuple(records), masks, declared(), OUTPUTS, TraceSettings(max_step=0.02))
+
+
+@pytest.fixture(scope="module")
+def late() -> Flight:
+    """Three coloured records with alpha 80 ms late."""
+    values = {"sensor-delay:alpha.delay": 0.08}
+    return flight_of([coloured(planted([LATE], values, seed), seed) for seed in (1, 2, 3)])
+
+
+@pytest.fixture(scope="module")
+def clean() -> Flight:
+    return flight_of([coloured(planted([], None, seed), seed) for seed in (4, 5, 6)])
+
+
+def root_of(flight: Flight) -> Node:
+    return fitted(search_of(list(flight.records)))
+
+
+def test_a_cause_stands_in_coloured_noise_and_comes_out_alike(late: Flight) -> None:
+    stood, weighed = standing_effects(late, (LATE, SCALED, *GUARDS[:3]), root_of(late))
+    assert [item.best.effect.name for item in stood] == ["sensor-delay:alpha"]
+    best = stood[0].best
+    assert best.replication.agrees and all(change < 0 for change in best.reduction.by_record)
+    for found in best.replication.values:
+        assert found["delay"].value == pytest.approx(0.08, abs=4.0 * found["delay"].std)
+    assert {item.effect.name for item in weighed} >= {"sensor-delay:alpha"}
+
+
+def test_nothing_stands_where_there_is_only_colour(clean: Flight) -> None:
+    stood, weighed = standing_effects(clean, (LATE, SCALED, InputDeadband("elevator", "rad", 0.01), *GUARDS[:3]), root_of(clean))
+    assert stood == []
+    assert not any(item.stands for item in weighed)
+
+
+def test_what_differs_from_record_to_record_does_not_replicate(late: Flight) -> None:
+    """The same delay, but in one record of three."""
+    one = planted([LATE], {"sensor-delay:alpha.delay": 0.12}, 1)
+    flight = flight_of([one, planted([], None, 2), planted([], None, 3)])
+    node = flight.fit((LATE,), range(3), None, {"sensor-delay:alpha.delay": 0.04})
+    assert node is not None
+    copies = replicate(flight, node, LATE)
+    assert not copies.agrees
+    assert [found["delay"].value for found in copies.values] == [pytest.approx(0.12, abs=0.01), *[pytest.approx(0.0, abs=0.01)] * 2]
+
+
+def test_leaving_a_record_out_by_one_step_is_nearly_a_fit_to_the_others(late: Flight) -> None:
+    everything = fitted(search_of(list(late.records)), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    others = fitted(search_of(list(late.records[1:])), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    stepped = without_record(everything, 0).values.shared
+    sigma = np.sqrt(np.diag(fit_covariance(others.fit)[0]))
+    away = {name: abs(stepped[name] - value) / sigma[i] for i, (name, value) in enumerate(others.values.shared.items())}
+    unmoved = {name: abs(everything.values.shared[name] - value) / sigma[i] for i, (name, value) in enumerate(others.values.shared.items())}
+    assert max(away.values()) < 0.5, away
+    assert sum(away.values()) < 0.5 * sum(unmoved.values())
+
+
+def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> None:
+    """Against errors of known size: half of alpha's error taken away is ln(1/2)/3 over three channels."""
+    node = root_of(late)
+    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    halved = [replace(fit, weighed=replace(fit.weighed, residuals=(fit.residuals[0] * np.array([[0.5], [1.0], [1.0]]),))) for fit in before]
+    found = reduction(before, halved)
+    assert found.total == pytest.approx(np.log(0.5) / 3.0) and found.share == pytest.approx(0.5 ** (1 / 3))
+    assert found.by_channel == pytest.approx([np.log(0.5), 0.0, 0.0]) and found.scatter == pytest.approx(0.0, abs=1e-12)
+    assert len(found.by_record) == 3
+    # Errors that are exchanged at random between before and after change nothing but for scatter.
+    rng = np.random.default_rng(3)
+    shuffled = [replace(fit, weighed=replace(fit.weighed, residuals=(rng.permuted(fit.residuals[0], axis=1),))) for fit in before]
+    assert abs(reduction(before, shuffled).total) < 3.0 * reduction(before, shuffled).scatter + 1e-9
+
+
+def test_inputs_about_their_trim() -> None:
+    """A rest before the first move is a trim; a step that is held from the first sample on is none."""
+    flight = rigid_flight(8.0, 50.0)
+    waiting = Flown(flight.time, np.where(flight.time < 1.0, 0.0, flight.u), max_step=0.02)
+    record = planted([], None, 1, flight=waiting)
+    assert about_trim(record) == (record, {})
+    shifted = replace(record, inputs=tuple(replace(c, values=c.values + 0.02) for c in record.inputs))
+    moved, trims = about_trim(shifted)
+    assert trims == {"elevator": pytest.approx(0.02)}
+    assert moved["elevator"].values == pytest.approx(record["elevator"].values)
+    stepped = planted([], None, 1, flight=Flown(flight.time, (0.05 * (flight.time < 1.5) - 0.05 * (flight.time > 3.0))[None], max_step=0.02))
+    assert about_trim(stepped) == (stepped, {})
+
+
+def test_settings_for_replication_are_those_of_a_search() -> None:
+    """A fit of a Flight is that of the engine at twice the declared step."""
+    flight = flight_of([planted([], None, 1)])
+    node = flight.fit((), [0], None)
+    assert node is not None and node.fit.layout.settings.max_step == FitSettings(max_step=0.04).max_step
+    assert not any(isinstance(effect, GustDiscrete) for effect in node.effects)
