@@ -45,7 +45,7 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     names = [item.name for item in constant]
     histories = figure_parameter_histories(history, names, [item.unit for item in constant], prior=prior, title=f"{title}\nparameters as states")
     for panel in histories.axes:
-        panel.xaxis.set_major_locator(MaxNLocator(4))
+        panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     save_figure(histories, folder, "parameters")
     save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
     bank = result.bank
