@@ -41,6 +41,11 @@ class SensorFault:
         return own.get(self.kind) or (0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel])
 
     @property
+    def worth(self) -> float:
+        """The size below which a fault is no finding, however significant: what interpolation and an airspeed slightly wrong make."""
+        return 0.1 * self.plausible
+
+    @property
     def largest(self) -> float:
         """The size beyond which no fit looks, either sign."""
         own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5, ARM: 60.0}

@@ -116,8 +116,8 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """Findings, the standing ones first; of every fault the trial that counts: of what stands and of what was ruled out with it that beside
-    the faults before, of all others that beside everything that stands. ``found`` is the fit with the best of each group."""
+    """Findings, the standing ones first; of every fault the trial that counts: of what stands that beside everything else that stands, of what was
+    ruled out with it that in its place, of all others that beside everything that stands. ``found`` is the fit with the best of each group."""
 
     findings: tuple[SensorFinding, ...]
     trials: tuple[Trial, ...]
@@ -127,14 +127,17 @@ class Searched:
 def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], settings: CompatibilitySettings) -> Searched:
     """Add the best fault that is significant and replicates, with its group, until none is left.
 
+    Each time the members of earlier groups are tried in the place of what stands for them: what was best alone need not be beside another.
     ``bases`` are the base fits of each record alone, for replication.
     """
     level = settings.false_alarm / max(len(faults), 1)
     left, current = tried(base, faults), base
-    findings: list[SensorFinding] = []
-    done: list[Trial] = []
+    groups: list[list[Trial]] = []
     refused: list[Trial] = []
-    while len(current.faults) - len(base.faults) < settings.most:
+    seen = {trial.fault: trial for trial in left}
+    for _ in range(2 * settings.most):
+        if len(groups) == settings.most:
+            break
         best = _best([trial for trial in left if trial.fault not in {t.fault for t in refused}], level)
         if best is None:
             break
@@ -142,19 +145,49 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
             refused.append(best)
             continue
         group = [t for t in _group(current, best, left, settings.collinear) if t is best or replicates(bases, current, t)]
+        groups.append(group)
+        current = best.found
+        if len(groups) > 1:
+            groups, current = _rearranged(base, groups, settings.collinear, level)
+        closed = {trial.fault for group in groups for trial in group}
+        chosen = [group[0].fault for group in groups]
+        left = tried(current, [fault for fault in faults if fault not in closed and not any(_same_lateness(fault, one) for one in chosen)])
+        seen |= {trial.fault: trial for trial in left}
+    here = {trial.fault for trial in [*left, *(trial for group in groups for trial in group)]}
+    return _searched(faults, groups, [*left, *(trial for fault, trial in seen.items() if fault not in here)], refused, current)
+
+
+def _rearranged(base: Fit, groups: Sequence[list[Trial]], collinear: float, level: float) -> tuple[list[list[Trial]], Fit]:
+    """Every group anew beside the best of the others, its members in the order of what they gain there; a group that is no longer needed is
+    dropped. And the fit with the best of each."""
+    chosen, out = [group[0].fault for group in groups], [list(group) for group in groups]
+    for _ in range(2):
+        before = list(chosen)
+        for i, group in enumerate(groups):
+            others = fit(base.signals, [fault for k, fault in enumerate(chosen) if k != i], base)
+            trials = sorted(tried(others, [trial.fault for trial in group]), key=lambda trial: -trial.gain)
+            best = next((t for t in trials if t.size > 0 or not t.fault.one_sided), trials[0])
+            out[i] = _group(others, best, trials, collinear)
+            chosen[i] = best.fault
+        if chosen == before:
+            break
+    out = [group for group in out if _best(group[:1], level) is not None]
+    return out, fit(base.signals, [group[0].fault for group in out], base)
+
+
+def _searched(
+    faults: Sequence[SensorFault], groups: Sequence[Sequence[Trial]], left: Sequence[Trial], refused: Sequence[Trial], current: Fit
+) -> Searched:
+    findings = []
+    for group in groups:
         names = [trial.fault.name for trial in group]
         findings += [_finding(trial, tuple(name for name in names if name != trial.fault.name), stands=True) for trial in group]
-        current = best.found
-        closed = [trial for trial in left if trial in group or _same_lateness(trial.fault, best.fault)]
-        done += closed
-        findings += [_finding(trial, (), stands=False) for trial in closed if trial not in group]
-        left = tried(current, [trial.fault for trial in left if trial not in closed])
     disagreeing = {trial.fault for trial in refused}
     rest = sorted(left, key=lambda trial: trial.p_value)
     findings += [_finding(trial, (), stands=False, replicates=trial.fault not in disagreeing) for trial in rest]
-    findings.sort(key=lambda finding: not finding.stands)
     order = {fault: i for i, fault in enumerate(faults)}
-    return Searched(tuple(findings), tuple(sorted([*done, *left], key=lambda trial: order[trial.fault])), current)
+    trials = sorted([*(trial for group in groups for trial in group), *left], key=lambda trial: order[trial.fault])
+    return Searched(tuple(findings), tuple(trials), current)
 
 
 def beside(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
@@ -178,8 +211,9 @@ def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
 
 
 def _best(trials: Sequence[Trial], level: float) -> Trial | None:
-    """The fault of greatest gain among those that are significant and within their bounds."""
-    standing = [trial for trial in trials if trial.told and trial.p_value < level and abs(trial.size) < 0.99 * trial.fault.largest]
+    """The fault of greatest gain among those that are significant, of a size worth having, and within their bounds."""
+    sized = [trial for trial in trials if trial.told and trial.fault.worth < abs(trial.size) < 0.99 * trial.fault.largest]
+    standing = [trial for trial in sized if trial.p_value < level]
     return max(standing, key=lambda trial: trial.gain, default=None)
 
 
