@@ -23,6 +23,7 @@ from sim.maths import COMPLEX_STEP
 from sim.record import Record
 from sim.system import System
 
+_AT_ONCE = 20_000  # numbers of a state that are integrated together: more do not stay in a processor's cache
 INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
 
 
@@ -125,9 +126,8 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     columns = {position: 1 + n_x + column for column, position in enumerate(problem.moving)}
     X = np.array(np.broadcast_to(guess[:, :-1, None], (n_x, guess.shape[1] - 1, width)), dtype=by_parameter.dtype)
     X[np.arange(n_x), :, 1 + np.arange(n_x)] += by_state[:, None]
-    reached = cross_intervals(problem, list(X), _drive(problem, p, columns, by_parameter, width), _shifted(problem, p, columns, by_parameter, width))[
-        -1
-    ]
+    driven = _drive(problem, p, by_parameter)
+    reached = cross_intervals(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))[-1]
     ends = np.array([np.broadcast_to(r, X.shape[1:]) for r in reached])
     base = ends[:, :, 0].real
     A = _slopes(problem, ends[:, :, 1 : 1 + n_x], base, by_state)
@@ -136,7 +136,7 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     corrections = join_intervals(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
     states, sensitivity = guess + corrections[:, :, 0], corrections[:, :, 1:]
     steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
-    y, jacobian = _outputs(problem, p, states, sensitivity, steps)
+    y, jacobian = _outputs(problem, p, driven, states, sensitivity, steps)
     return Linearisation(y, jacobian, states, sensitivity)
 
 
@@ -162,24 +162,38 @@ def _shifted(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], 
     return rows
 
 
-def _drive(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int) -> Drive:
-    """Inputs at the vehicle; the input path is run once for the base and once a parameter that acts on it."""
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """Inputs at the vehicle; ``acting`` are positions of the wanted parameters that move them, each with a column behind the base's."""
+
+    drive: Drive
+    acting: tuple[int, ...]
+
+    def spread(self, columns: Mapping[int, int], width: int) -> Drive:
+        """The same with a column for each of the batch's, of which ``columns`` tells where a parameter's own stands."""
+        if not self.acting:
+            return self.drive
+        take = np.zeros(width, dtype=int)
+        for column, q in enumerate(self.acting):
+            if q in columns:
+                take[columns[q]] = 1 + column
+        done: dict[int, Any] = {}  # held inputs are the same rows at all stages of a step
+
+        def wide(rows: list[Any]) -> list[Any]:
+            return [done[id(row)] if id(row) in done else done.setdefault(id(row), row[:, take] if np.ndim(row) == 2 else row) for row in rows]
+
+        first, middle, last = (wide(rows) for rows in self.drive.stages)
+        return Drive((first, middle, last), wide(self.drive.begin), wide(self.drive.end))
+
+
+def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
+    """The input path is run once for the base and once a parameter that acts on it."""
     if problem.drive is not None:
-        return problem.drive
+        return _Driven(problem.drive, ())
     system, record = problem.system, problem.record
-    acting = [q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters]
+    acting = tuple(q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters)
     few = _shifted(problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting))
-    drive = drive_from_record(system, few, record.input_array(system.input_names), record.time, record.hold, problem.grid)
-    take = np.zeros(width, dtype=int)
-    for column, q in enumerate(acting):
-        if q in columns:
-            take[columns[q]] = 1 + column
-
-    def spread(rows: list[Any]) -> list[Any]:
-        return [row[:, take] if np.ndim(row) == 2 else row for row in rows]
-
-    first, middle, last = (spread(rows) for rows in drive.stages)
-    return Drive((first, middle, last), spread(drive.begin), spread(drive.end))
+    return _Driven(drive_from_record(system, few, record.input_array(system.input_names), record.time, record.hold, problem.grid), acting)
 
 
 def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
@@ -204,11 +218,13 @@ def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Se
     return solution.reshape(intervals + 1, n_x, -1).transpose(1, 0, 2)
 
 
-def _outputs(problem: RecordProblem, p: np.ndarray, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _outputs(
+    problem: RecordProblem, p: np.ndarray, driven: _Driven, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Outputs at the samples and their derivatives along each column of ``by_state``; the base is column 0."""
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
-    rows_p, drive = _shifted(problem, p, columns, steps, c), _drive(problem, p, columns, steps, c)
+    rows_p, drive = _shifted(problem, p, columns, steps, c), driven.spread(columns, c)
     moved = states[:, :, None] + by_state * steps
     X = list(np.concatenate([np.array(states[:, :, None], dtype=moved.dtype), moved], axis=2))
     full = sample_outputs(problem, rows_p, X, drive, c)
@@ -238,9 +254,24 @@ def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive
 
 def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
     """States before the first and after every sub-step of all node intervals, rows ``(K, c)``."""
+    K, c = x[0].shape
+    rows = max(1, _AT_ONCE // c)
+    if rows >= K:
+        return _crossed(problem, x, drive, p, slice(0, K))
+    parts = [_crossed(problem, [row[k : k + rows] for row in x], drive, p, slice(k, k + rows)) for k in range(0, K, rows)]
+    shapes = [part[0][0].shape for part in parts]
+
+    def joined(rows: Sequence[Any]) -> np.ndarray:
+        return np.concatenate([np.broadcast_to(row, shape) for row, shape in zip(rows, shapes, strict=True)])
+
+    return [[joined(rows) for rows in zip(*edge, strict=True)] for edge in zip(*parts, strict=True)]
+
+
+def _crossed(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice) -> list[list[Any]]:
+    """The same for some of the intervals, whose states are ``x``."""
     grid, substeps = problem.grid, problem.grid.substeps
-    times, steps = grid.edges[:-1].reshape(-1, substeps, 1), grid.steps.reshape(-1, substeps, 1)
-    stages = [[_column(row).reshape(-1, substeps, _column(row).shape[-1]) for row in stage] for stage in drive.stages]
+    times, steps = grid.edges[:-1].reshape(-1, substeps, 1)[at], grid.steps.reshape(-1, substeps, 1)[at]
+    stages = [[_column(row).reshape(-1, substeps, _column(row).shape[-1])[at] for row in stage] for stage in drive.stages]
     path = [x]
     for s in range(substeps):
         u = ([row[:, s] for row in stages[0]], [row[:, s] for row in stages[1]], [row[:, s] for row in stages[2]])

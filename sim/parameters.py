@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class ParameterSet:
         return len(self.items)
 
     def __contains__(self, name: object) -> bool:
-        return any(item.name == name for item in self.items)
+        return name in self._places
 
     def __getitem__(self, name: str) -> Parameter:
         return self.items[self.index(name)]
@@ -84,11 +85,15 @@ class ParameterSet:
     def free_names(self) -> tuple[str, ...]:
         return tuple(item.name for item in self.items if item.free)
 
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {item.name: place for place, item in enumerate(self.items)}
+
     def index(self, name: str) -> int:
         """Position of a parameter; an unknown name is an error that lists the known ones."""
         try:
-            return self.names.index(name)
-        except ValueError:
+            return self._places[name]
+        except KeyError:
             raise ModelError("there is no such parameter", where=name, remedy=f"use one of {', '.join(self.names)}") from None
 
     def values(self, names: Iterable[str] | None = None) -> np.ndarray:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any
@@ -260,12 +261,13 @@ def _gather(model: Model, effect: Effect) -> Callable[[Rows], Any]:
     return _gather_named(model.parameters, full, "effect_parameters", names)
 
 
-def _view(label: str, fields: Sequence[str]) -> Any:
+@cache  # making such a class takes as long as all the rest of an effect's compilation
+def _view(label: str, fields: tuple[str, ...]) -> Any:
     return namedtuple(label, fields)
 
 
 def _gather_named(parameters: ParameterSet, names: Sequence[str], label: str, fields: Sequence[str] | None = None) -> Callable[[Rows], Any]:
-    view = _view(label, fields or names)
+    view = _view(label, tuple(fields or names))
     index = [parameters.index(name) for name in names]
     if len(index) == 0:
         empty = view()

@@ -55,13 +55,14 @@ def _alternative_outputs(
         rows[index] = np.concatenate([np.full(1 + known, p[index]), alternatives[index]])
     start = np.concatenate([X[:, :-1, :1], np.repeat(X[:, :-1, :1], known, axis=2), X[:, :-1, 1:]], axis=2)
     start[np.arange(known), :, 1 + np.arange(known)] += steps[:, None]
-    reached = cross_intervals(problem, list(start), _drive(problem, rows, varied), rows)[-1]
+    drive = _drive(problem, few, varied)
+    reached = cross_intervals(problem, list(start), _repeated(drive, known), rows)[-1]
     ends = np.array([np.broadcast_to(r, start.shape[1:]) for r in reached[:known]])
     A = (ends[:, :, 1 : 1 + known] - ends[:, :, :1]) / steps
     B = ends[:, :, 1 + known :] - X[:known, 1:, 1:]
     joined = join_intervals(A, B, ends[:, :, 0] - X[:known, 1:, 0], (), np.zeros(known))
     X[:known] += joined
-    full = sample_outputs(problem, few, list(X), _drive(problem, few, varied), 1 + a)
+    full = sample_outputs(problem, few, list(X), drive, 1 + a)
     return full[:, :, 0], full[:, :, 1:]
 
 
@@ -117,6 +118,16 @@ def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray
         if any(a != b for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)):
             out.append(int(index))
     return out
+
+
+def _repeated(drive: Drive, times: int) -> Drive:
+    """The base's column so many times more."""
+
+    def wide(rows: list[Any]) -> list[Any]:
+        return [np.concatenate([np.repeat(row[:, :1], times, axis=1), row], axis=1) if np.ndim(row) == 2 else row for row in rows]
+
+    first, middle, last = (wide(rows) for rows in drive.stages)
+    return Drive((first, middle, last), wide(drive.begin), wide(drive.end))
 
 
 def _drive(problem: RecordProblem, rows: Sequence[Any], varied: np.ndarray) -> Drive:
