@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from scenarios.preparation.ports import SPEED
 from sim.effect import Effect
 from sim.errors import DeclarationError, FlightidError
 from sim.model import Model
@@ -24,6 +25,8 @@ def candidates_for(model: Model, own: Sequence[Effect] = ()) -> tuple[Effect, ..
     from sim.tracing import Traceable
 
     taken = {effect.name for effect in model.effects} | ({*_OWN_OF_LOES} if model.equations.name == "loes" else set())
+    if any(signal.name == SPEED for signal in model.equations.inputs):
+        taken.add("speed-variation")
     found = effects_for(model.equations)
     return (*(effect for effect in found if effect.name not in taken and isinstance(effect, Traceable)), *own)
 

@@ -42,7 +42,7 @@ def check_content(check: Check) -> dict[str, Any]:
         "single": [_result(item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
         "cannot_tell": list(result.cannot_tell),
-        "notes": list(result.notes),
+        "notes": [*check.notes, *result.notes],
         "inputs": {
             "records": [item.name for item in check.files],
             "sha256": [item.sha256 for item in check.files],

@@ -34,7 +34,7 @@ def print_check(check: Check, out: Console | None = None) -> None:
         print_paragraph(out, "these channels cannot tell:", indent=0)
         for line in result.cannot_tell:
             print_paragraph(out, line)
-    for line in result.notes:
+    for line in (*check.notes, *result.notes):
         print_paragraph(out, f"note: {line}", indent=0)
 
 

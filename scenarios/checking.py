@@ -14,6 +14,7 @@ from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import CHANNELS, measured_channels
 from scenarios.files.channels import STICK, TIME
 from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.preparation.plan import Plan, Segment
 from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
@@ -31,21 +32,21 @@ class CheckedFile:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found."""
+    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found; ``notes`` say how records were prepared."""
 
     result: Compatibility
     records: tuple[Record, ...]
     settings: CompatibilitySettings
     files: tuple[CheckedFile, ...]
     vehicle: CheckedFile | None
+    notes: tuple[str, ...] = ()
 
 
 def check_files(
     paths: Sequence[Path],
     vehicle: Path | None = None,
     channels: Path | None = None,
-    start: float | None = None,
-    stop: float | None = None,
+    plan: Plan | None = None,
 ) -> Check:
     """Read records of one aircraft and check them.
 
@@ -53,7 +54,7 @@ def check_files(
     ----------
     paths : record files. vehicle : any aircraft's vehicle file, of which airspeed, gravity and vane arm are used; None takes ``vehicle.toml`` from
         the folder of the first record if it is there.
-    channels : a channel map, for all records. start, stop : s; the window of all records.
+    channels : a channel map, for all records. plan : segments of all records, and how they are prepared; None: whole, as they stand.
 
     Raises
     ------
@@ -66,9 +67,18 @@ def check_files(
     chosen = vehicle if vehicle is not None else (beside if beside.is_file() else None)
     settings = settings_of(read_any_vehicle(chosen)) if chosen is not None else CompatibilitySettings()
     choices = read_channel_map(channels) if channels is not None else None
-    records = tuple(_read(path, choices, start, stop) for path in paths)
+    plan = plan or Plan()
+    read = [_read(path, choices, segment, plan) for path in paths for segment in plan.segments]
+    records = tuple(record for record, _ in read)
     result = compatibility(records, settings)
-    return Check(result, records, settings, tuple(_file(path) for path in paths), _file(chosen) if chosen is not None else None)
+    return Check(
+        result,
+        records,
+        settings,
+        tuple(_file(path) for path in paths),
+        _file(chosen) if chosen is not None else None,
+        tuple(note for _, told in read for note in told),
+    )
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
@@ -88,19 +98,22 @@ def read_any_vehicle(path: Path) -> VehicleFile:
     return read_vehicle(path, model)
 
 
-def _read(path: Path, choices: object, start: float | None, stop: float | None) -> Record:
+def _read(path: Path, choices: object, segment: Segment, plan: Plan) -> tuple[Record, tuple[str, ...]]:
     from scenarios.files.records import read_record
+    from scenarios.preparation.filtering import filtered
+    from scenarios.preparation.reading import named
 
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
-    read = read_record(path, (), (), choices, start, stop, optional=(*CHANNELS, *INPUTS))  # type: ignore[arg-type]
+    read = read_record(path, (), (), choices, segment.start, segment.stop, optional=(*CHANNELS, *INPUTS), hold=plan.hold)  # type: ignore[arg-type]
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
-    record = replace(read, inputs=inputs, outputs=outputs, name=path.name)
+    record = replace(read, inputs=inputs, outputs=outputs, name=named(path, segment, several=len(plan.segments) > 1))
     if not measured_channels(record):
         known = ", ".join(CHANNELS)
         what = f"none of the channels that the kinematics join ({known})"
         raise RecordError(what, where=path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
-    return record
+    record, said = filtered(record, plan)
+    return record, (said,) if said else ()
 
 
 def _refuse_twice(paths: Sequence[Path]) -> None:

@@ -25,8 +25,13 @@ app = typer.Typer(
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
 Changes = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50.")]
-From = Annotated[float | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s.")]
-To = Annotated[float | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+From = Annotated[
+    list[float] | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s; with --to again for each maneuver.")
+]
+To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs between samples: previous or linear; else as the data say.")]
+Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
+Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
 
 
@@ -81,14 +86,18 @@ def identify(
     channels: Channels = None,
     start: From = None,
     stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
     method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
     out: Out = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
 ) -> None:
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
+    from scenarios.preparation.plan import plan_of
 
-    identify_record(record, model, vehicle, channels, start, stop, method, out, figures)
+    identify_record(record, model, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), method, out, figures)
 
 
 @app.command()
@@ -106,13 +115,17 @@ def diagnose(
     channels: Channels = None,
     start: From = None,
     stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
     out: Out = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
+    from scenarios.preparation.plan import plan_of
 
-    diagnose_records(records, model, vehicle, validate or [], effects, channels, start, stop, out, figures)
+    diagnose_records(records, model, vehicle, validate or [], effects, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
 
 
 @app.command()
@@ -124,13 +137,17 @@ def check(
     channels: Channels = None,
     start: From = None,
     stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
     out: Out = None,
     figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
+    from scenarios.preparation.plan import plan_of
 
-    check_records(records, vehicle, channels, start, stop, out, figures)
+    check_records(records, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
 
 
 @app.command()

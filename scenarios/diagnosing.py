@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from scenarios.candidates import candidates_for, read_effects
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import hold_out
-from scenarios.preparing import about_trim
+from scenarios.preparation.plan import Plan
 from sim.effect import Effect
 from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
@@ -63,7 +63,7 @@ class Tracing:
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
     record was cut, None where records for validation were named. ``explanations`` by effect name; ``sentences`` likewise, for
-    effects that bring one of their own.
+    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each.
     """
 
     diagnosis: Diagnosis
@@ -75,6 +75,7 @@ class Tracing:
     held_out_from: float | None = None
     explanations: dict[str, str] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def stick_unit(self) -> str:
@@ -89,8 +90,7 @@ def diagnose_files(
     validate: Sequence[Path] = (),
     effects: Path | None = None,
     channels: Path | None = None,
-    start: float | None = None,
-    stop: float | None = None,
+    plan: Plan | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     trace: Trace | None = None,
 ) -> Tracing:
@@ -104,7 +104,7 @@ def diagnose_files(
         maneuvers stay in the fit, and who wants a whole record held out names it here.
     effects : a user's Python file; it is run.
     channels : a channel map, for all records.
-    start, stop : s; the window of ``records``; those of ``validate`` are not cut.
+    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared; None: whole, as the data say.
     progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
@@ -121,7 +121,7 @@ def diagnose_files(
     progress("reading", 0.0)
     declared = read_vehicle(vehicle_path, model)
     full = model_of_file(declared).with_noise(Noise())
-    fitted, predicted = _read(records, validate, full, channels, start, stop)
+    full, fitted, predicted, notes = _read(records, validate, full, channels, plan or Plan())
     full = full.with_biases(_biased(full, fitted))
     own = read_effects(effects, full) if effects is not None else ()
     held_out_from = None
@@ -141,6 +141,7 @@ def diagnose_files(
         held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
+        notes,
     )
 
 
@@ -151,16 +152,13 @@ def _loop() -> Trace:
 
 
 def _read(
-    records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, start: float | None, stop: float | None
-) -> tuple[list[Record], list[Record]]:
+    records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, plan: Plan
+) -> tuple[Model, list[Record], list[Record], tuple[str, ...]]:
     from scenarios.files.channels import read_channel_map
-    from scenarios.files.records import read_record
+    from scenarios.preparation.reading import prepare
 
-    inputs, outputs = [signal.name for signal in model.equations.inputs], [signal.name for signal in model.equations.outputs]
-    choices = read_channel_map(channels) if channels is not None else None
-    # Named by their files: a sidecar's name may be the same for all of them.
-    fitted = [about_trim(replace(read_record(path, inputs, outputs, choices, start, stop), name=path.name))[0] for path in records]
-    predicted = [about_trim(replace(read_record(path, inputs, outputs, choices), name=path.name))[0] for path in validate]
+    ready = prepare(records, model, plan, read_channel_map(channels) if channels is not None else None, validate)
+    fitted, predicted = list(ready.fitted), list(ready.validation)
     _same_stick([*fitted, *predicted])
     measured = {name for record in fitted for name in record.output_names}
     for record in predicted:
@@ -168,7 +166,7 @@ def _read(
             known = ", ".join(sorted(measured))
             what = f"none of the fitted channels ({known}) is measured here"
             raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
-    return fitted, predicted
+    return ready.model, fitted, predicted, ready.notes
 
 
 def _same_stick(records: Sequence[Record]) -> None:

@@ -51,6 +51,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
         "warnings": [*d.warnings, *_undetermined(d)],
+        "notes": list(tracing.notes),
         "advice": verdict_advice(tracing),
         "inputs": _inputs(tracing),
         "versions": versions(),

@@ -29,6 +29,7 @@ def diagnosis_text(tracing: Tracing) -> str:
         table(("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), left=2),
         table(("round", "candidate", "gain", "p", "held-out", "parameters", ""), candidate_rows(d), left=2, title=CANDIDATE_TITLE),
         [line for warning in d.warnings for line in _wrapped(f"warning: {warning}")],
+        [line for note in tracing.notes for line in _wrapped(f"note: {note}")],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from sim.parameters import ParameterSet
 from sim.record import Record
 from sim.system import compile_model
 
+FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
 FIT_STEP = 0.01
 PASSES = 5
@@ -31,7 +33,10 @@ LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite o
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a measured record says of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma."""
+    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
+
+    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared.
+    """
 
     record: Record
     vehicle: VehicleFile
@@ -42,10 +47,14 @@ class Identification:
     derived: dict[str, tuple[float, float]]
     fixed: dict[str, tuple[float, str]]
     tests: tuple[ResidualTest, ...]
+    others: tuple[Record, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def identify(record: Record, vehicle: VehicleFile, method: str) -> Identification:
-    """Estimate a vehicle file's model from a record.
+def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence[Record] = (), model: Model | None = None) -> Identification:
+    """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
+
+    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
 
     Each output but an altitude gets a constant bias, each record its own initial state. A filter takes its measurement
     noise from the residual of an output-error fit, its initial state from the first samples, and is
@@ -58,15 +67,20 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     """
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    _refuse_beyond_measure(record)
+    records = [record, *others]
+    if others and method in FILTERS:
+        what = f"a filter runs along one segment, and there are {len(records)}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+    for each in records:
+        _refuse_beyond_measure(each)
     if vehicle.model == "loes" and method == "ekf":
         from scenarios.loes_identifying import identify_loes
 
         return identify_loes(record, vehicle)
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
-    model = model_of_file(vehicle)
-    outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
+    model = model or model_of_file(vehicle)
+    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
     biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     settings = FitSettings(FIT_STEP, use_priors=bool(vehicle.modes))
@@ -74,16 +88,16 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
         from ident.equation_error import run_equation_error
 
         system = compile_model(biased, outputs)
-        estimate = run_equation_error([record], system)
+        estimate = run_equation_error(records, system)
     elif method == "filter-error":
         from ident.filter_error import fit_filter_error
 
         system = compile_model(biased, outputs)
-        estimate = fit_filter_error([record], compile_model(_forced(biased), outputs), settings)
+        estimate = fit_filter_error(records, compile_model(_forced(biased), outputs), settings)
     else:
         system = compile_model(biased, outputs)
-        estimate = fit_output_error([record], system, settings)
-    if method in ("ekf", "ukf"):
+        estimate = fit_output_error(records, system, settings)
+    if method in FILTERS:
         prepared = _for_filter(biased, record, outputs, estimate)
         system = compile_model(prepared, outputs, online=True)
         if method == "ekf":
@@ -106,7 +120,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str) -> Identificatio
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
-    return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests)
+    return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests, tuple(others))
 
 
 def _forced(model: Model) -> Model:

@@ -7,19 +7,19 @@ from pathlib import Path
 
 from scenarios.check_text import print_check
 from scenarios.checking import check_files
+from scenarios.preparation.plan import Plan
 
 
 def check_records(
     records: Sequence[Path],
     vehicle: Path | None,
     channels: Path | None,
-    start: float | None,
-    stop: float | None,
+    plan: Plan,
     out: Path | None,
     figures: bool,
 ) -> None:
     """Read, check, write the study, print."""
-    found = check_files(records, vehicle, channels, start, stop)
+    found = check_files(records, vehicle, channels, plan)
     if out is not None:
         from scenarios.check_files import write_check
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.figure_process import figure_process
+from scenarios.preparation.plan import Plan
 from scenarios.progress import progress_bar
 
 
@@ -16,8 +17,7 @@ def diagnose_records(
     validate: Sequence[Path],
     effects: Path | None,
     channels: Path | None,
-    start: float | None,
-    stop: float | None,
+    plan: Plan,
     out: Path | None,
     figures: bool,
 ) -> None:
@@ -27,7 +27,7 @@ def diagnose_records(
         from scenarios.diagnosing import diagnose_files
         from scenarios.diagnosis_text import diagnosis_text
 
-        tracing = diagnose_files(records, model, vehicle, validate, effects, channels, start, stop, progress)
+        tracing = diagnose_files(records, model, vehicle, validate, effects, channels, plan, progress)
         if out is not None:
             from scenarios.diagnosis_files import write_diagnosis
 

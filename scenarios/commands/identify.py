@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from scenarios.comparing import estimate_content, versions
 from scenarios.identifying import METHODS, Identification, identify
+from scenarios.preparation.plan import Plan
 from sim.errors import DeclarationError, FlightidError
+from sim.record import Record
 
 SCHEMA = "flightid/comparison/1"
 MODELS = ("ballistic", "rigid", "flexible", "loes")
@@ -19,16 +23,15 @@ def identify_record(
     model: str,
     vehicle_path: Path,
     channels: Path | None,
-    start: float | None,
-    stop: float | None,
+    plan: Plan,
     method: str,
     out: Path | None,
     figures: bool,
 ) -> None:
     """Read, identify, write the study, print."""
     from scenarios.files.channels import read_channel_map
-    from scenarios.files.records import read_record
     from scenarios.files.vehicles import read_vehicle
+    from scenarios.preparation.reading import prepare
     from scenarios.vehicle_models import model_of_file
 
     if model not in MODELS:
@@ -36,18 +39,14 @@ def identify_record(
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     vehicle = read_vehicle(vehicle_path, model)
-    equations = model_of_file(vehicle).equations
-    record = read_record(
-        path,
-        [signal.name for signal in equations.inputs],
-        [signal.name for signal in equations.outputs],
-        read_channel_map(channels) if channels is not None else None,
-        start,
-        stop,
-    )
-    found = identify(record, vehicle, method)
+    choices = read_channel_map(channels) if channels is not None else None
+    # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
+    own = model == "loes" and method == "ekf"
+    ready = prepare([path], model_of_file(vehicle), plan, choices, flow=not own)
+    first, *others = ready.measured if own else ready.fitted
+    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes)
     if out is not None:
-        _write(found, path, out, figures)
+        _write(found, ready.measured, path, out, figures)
     _print(found)
     if out is not None:
         print(f"written to {out}")
@@ -65,17 +64,20 @@ def identification_content(found: Identification, path: Path) -> dict[str, Any]:
         "method": found.method,
         **content,
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
+        **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
+        "notes": list(found.notes),
         "inputs": {"records": [path.name], "sha256": [digest]},
         "versions": versions(),
     }
 
 
-def _write(found: Identification, path: Path, out: Path, figures: bool) -> None:
+def _write(found: Identification, measured: Sequence[Record], path: Path, out: Path, figures: bool) -> None:
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import write_json, write_record
 
     with study_folder(out, "comparison.json") as scratch:
-        write_record(scratch, found.record)
+        for number, record in enumerate(measured, start=1):
+            write_record(scratch, record, "record" if number == 1 else f"record_{number}")
         _spare_inputs(scratch, out, path)
         if figures:
             from scenarios.study_figures import draw_identification
@@ -102,8 +104,9 @@ def _print(found: Identification) -> None:
     from scenarios.printing import console, derived_line, number, test_line
 
     estimate, terminal = found.estimate, console()
-    span = f"{found.record.time[0]:g} to {found.record.time[-1]:g} s"
-    terminal.print(f"{found.record.name}: {len(found.record)} samples, {span}; {found.vehicle.model} model, {found.method}: {estimate.outcome.value}")
+    for record in (found.record, *found.others):
+        told = f"; {found.vehicle.model} model, {found.method}: {estimate.outcome.value}" if record is (found.record, *found.others)[-1] else ""
+        terminal.print(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}")
     table = Table()
     for heading in ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
@@ -115,6 +118,6 @@ def _print(found: Identification) -> None:
     terminal.print(table)
     noise = ", ".join(f"{name} {std:.3g}" for name, std in zip(estimate.output_names, estimate.noise_std, strict=True))
     terminal.print(f"residual (1 sigma): {noise}", highlight=False)
-    for line in (derived_line(found.derived), test_line(found.tests)):
+    for line in (derived_line(found.derived), test_line(found.tests), *(f"note: {note}" for note in found.notes)):
         if line:
             terminal.print(line, highlight=False)

@@ -87,6 +87,14 @@ def find_column(
     return chosen[0]
 
 
+def named_otherwise(channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None) -> bool:
+    """Whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last words are no unit of it."""
+    if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
+        return False
+    words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
+    return all(_unit_fault(Column(channel, cell, 0, word), "") is not None for cell, word in words)
+
+
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
     """The error for a channel that a model cannot do without."""
     present = [cell for cell in header if cell]

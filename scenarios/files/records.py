@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
-from scenarios.files.columns import Column, column_place, find_column, missing_column
+from scenarios.files.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.sidecar import read_sidecar
 from scenarios.files.tables import Numbers, Table, numbers, read_table
 from scenarios.files.units import to_si
@@ -26,6 +26,7 @@ def read_record(
     stop: float | None = None,
     optional: Sequence[str] = (),
     hold: Hold | None = None,
+    instead: Mapping[str, str] | None = None,
 ) -> Record:
     """The channels of a model from a file of any of our formats.
 
@@ -36,7 +37,9 @@ def read_record(
     model_outputs : outputs; those that are absent are left out, one must be there.
     channel_map : channel -> column, where headers are not ours.
     start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
-    optional : further channels, read as outputs where they are there.
+    optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a column of theirs without a single
+        number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
+    instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
 
     SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
@@ -54,15 +57,25 @@ def read_record(
     table = read_table(path)
     sidecar = read_sidecar(path)
     wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
-    columns = {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in wanted}
+    further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
+    columns = {
+        name: None
+        if name in further and named_otherwise(name, table.header, channel_map)
+        else find_column(name, table.header, table.file, channel_map, sidecar.units)
+        for name in wanted
+    }
+    stand_ins = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
+    columns |= {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in stand_ins}
+    wanted += stand_ins
     for name in (TIME, *model_inputs):
         if columns[name] is None:
             raise missing_column(name, table.header, table.file)
     outputs = [name for name in wanted[1 + len(model_inputs) :] if columns[name] is not None]
-    needed = [name for name in outputs if name in model_outputs] if model_outputs else outputs
+    needed = [name for name in outputs if name in (*model_outputs, *stand_ins)] if model_outputs else outputs
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
     time, rows = _time(table, _there(columns[TIME]), start, stop)
+    outputs = [name for name in outputs if name not in further or not _empty(table, _there(columns[name]), rows)]
     return Record(
         time,
         tuple(_channel(table, _there(columns[name]), rows, is_input=True) for name in model_inputs),
@@ -143,6 +156,11 @@ def _channel(table: Table, column: Column, rows: slice, *, is_input: bool) -> Ch
         return Channel.of(column.channel, column.unit, values)
     unit = CHANNEL_UNITS[column.channel]
     return Channel.of(column.channel, unit, np.asarray(to_si(values, column.unit, unit, place)))
+
+
+def _empty(table: Table, column: Column, rows: slice) -> bool:
+    content = numbers(table.columns[column.index])
+    return not np.any(~np.isnan(content.values[rows])) and not any(position in range(rows.start, rows.stop) for position in content.texts)
 
 
 def _sized(table: Table, column: Column) -> Numbers:

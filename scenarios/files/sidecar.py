@@ -21,12 +21,14 @@ class Sidecar:
     ----------
     name : the record's name, None if it says none.
     hold : how the inputs behave between samples.
+    says_hold : whether the file says so, or ``hold`` is only the default.
     units : channel -> unit of a column whose header carries none.
     """
 
     name: str | None = None
     hold: Hold = Hold.PREVIOUS
     units: Mapping[str, str] = field(default_factory=dict)
+    says_hold: bool = False
 
 
 def sidecar_path(record: Path) -> Path:
@@ -59,4 +61,4 @@ def read_sidecar(record: Path) -> Sidecar:
         raise RecordError(f"hold {hold!r} is not known", where=f"{path}, key hold", remedy="write previous or linear")
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
         raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
-    return Sidecar(name, Hold(hold), units)
+    return Sidecar(name, Hold(hold), units, "hold" in content)

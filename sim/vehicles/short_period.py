@@ -1,4 +1,4 @@
-"""Longitudinal short period of an aircraft at constant airspeed, non-dimensional derivatives.
+"""Longitudinal short period of an aircraft, non-dimensional derivatives; constant airspeed unless a port changes it.
 
 alpha_dot = q - rho V^2 S CL / (2 m V),  q_dot = rho V^2 S c Cm / (2 Iy),  nz = rho V^2 S CL / (2 m g0)
 (eqs. 22-25 of the simulated-flight-data paper). Perturbations about trim; the rates are made
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.effect import Signal
+from sim.maths import plus
 
 G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 
@@ -36,6 +37,7 @@ class ShortPeriod:
     ports: tuple[Signal, ...] = (
         Signal("gust", "rad", "upward gust over airspeed"),
         Signal("airspeed_change", "m/s", "airspeed above the declared one"),
+        Signal("density_change", "kg/m3", "air density above the declared one"),
         Signal("lift", "1", "added lift coefficient"),
         Signal("moment", "1", "added moment coefficient"),
     )
@@ -56,7 +58,8 @@ class ShortPeriod:
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change
-        return {"V": V, "alpha_air": s.alpha + s.gust, "q_hat": s.q * p.chord / (2.0 * V), "pressure_area": 0.5 * p.air_density * V * V * p.wing_area}
+        pressure_area = 0.5 * plus(p.air_density, s.density_change) * V * V * p.wing_area
+        return {"V": V, "alpha_air": s.alpha + s.gust, "q_hat": s.q * p.chord / (2.0 * V), "pressure_area": pressure_area}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         CL = _lift_coefficient(s, p)

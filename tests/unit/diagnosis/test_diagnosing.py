@@ -13,6 +13,7 @@ from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.candidates import candidates_for, read_effects
 from scenarios.diagnosing import diagnose_files
 from scenarios.files.vehicles import read_vehicle
+from scenarios.preparation.plan import Plan, Segment
 from scenarios.vehicle_models import model_of_file
 from sim.errors import FlightidError
 from sim.record import Record
@@ -68,7 +69,7 @@ def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, P
 def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:
     train, validate, vehicle = files
     loop = Loop()
-    diagnose_files([train], "rigid", vehicle, [validate], start=1.0, stop=3.0, trace=loop)
+    diagnose_files([train], "rigid", vehicle, [validate], plan=Plan((Segment(1.0, 3.0),)), trace=loop)
     assert (loop.given["records"][0].time[0], loop.given["records"][0].time[-1]) == (1.0, 3.0)
     assert len(loop.given["validation"][0]) == 200
 

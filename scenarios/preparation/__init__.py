@@ -1,0 +1,1 @@
+"""What a measured record goes through between its file and a fit."""

@@ -1,0 +1,74 @@
+"""Two readings of the same records, judged by the fit of the declared model: inputs held or linear, trim lift or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.colour import effective_share
+from ident.fit import Fit, fit_whole_records
+from ident.fit_layout import FitSettings, lay_out
+from sim.model import Model
+from sim.record import Hold, Record
+from sim.system import compile_model
+
+BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
+SETTINGS = FitSettings(max_step=0.02, iterations=20, enough=0.5, coloured=False)
+LARGEST = 3000  # samples that the comparison looks at
+UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer held it
+Reading = tuple[Model, list[Record]]
+
+
+def better_by(first: Reading, second: Reading, outputs: Sequence[str]) -> float:
+    """Twice the log likelihood by which the second reading fits better than the first, in effective samples; zero where one cannot be fitted."""
+    old, new = _fit(first, outputs), _fit(second, outputs)
+    if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
+        return 0.0
+    total = 0.0
+    for i in range(len(old.variance)):
+        known = [problem.valid[i : i + 1] for problem in old.layout.problems]
+        share = min(effective_share([r[i : i + 1] for r in fit.residuals], known) for fit in (old, new))
+        total += share * sum(np.count_nonzero(each) for each in known) * float(np.log(old.variance[i] / new.variance[i]))
+    return total
+
+
+def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
+    """The same records with their inputs read so."""
+    return [record if record.hold is hold else replace(record, hold=hold) for record in records]
+
+
+def held_by_computer(record: Record) -> bool:
+    """Whether every input stands still most of the time to the last digit, as one does that a computer steps."""
+    return all(np.mean(np.diff(channel.values) == 0.0) > UNMOVED for channel in record.inputs)
+
+
+def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]) -> float:
+    """How much better linear inputs serve than held ones; zero where nothing can tell."""
+    if not model.equations.inputs or all(held_by_computer(record) for record in records):
+        return 0.0
+    some = _some(records)
+    outputs = _outputs(some, model)
+    return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs) if outputs else 0.0
+
+
+def _fit(reading: Reading, outputs: Sequence[str]) -> Fit | None:
+    model, records = reading
+    biased = model.with_biases([name for name in outputs if name != "altitude"])
+    return fit_whole_records(lay_out(records, compile_model(biased, list(outputs)), SETTINGS))
+
+
+def _outputs(records: Sequence[Record], model: Model) -> list[str]:
+    return [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
+
+
+def _some(records: Sequence[Record]) -> list[Record]:
+    """The first records, up to ``LARGEST`` samples."""
+    some, count = [], 0
+    for record in records:
+        some.append(record)
+        count += len(record)
+        if count >= LARGEST:
+            break
+    return some

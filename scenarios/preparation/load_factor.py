@@ -1,0 +1,26 @@
+"""The load factor from a vertical accelerometer: nz = -az/g0, az the specific force along the body's z axis (down), m/s2."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.record import Channel, Record
+
+G0 = 9.80665  # m/s2
+MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
+
+
+def with_load_factor(record: Record) -> tuple[Record, str]:
+    """The record with ``nz`` (g, positive up) in the place of ``az``, and a sentence on it, empty where nothing was done."""
+    if "az" not in record.output_names or "nz" in record.output_names:
+        return record, ""
+    az = record["az"]
+    nz = Channel.of("nz", "g", np.where(az.valid, -az.values / G0, np.nan))
+    outputs = tuple(nz if channel.name == "az" else channel for channel in record.outputs)
+    said = f"{record.name}: nz is -az/{G0:g}"
+    level = float(np.median(nz.values[nz.valid]))
+    if level < -1.0 / MIDDLE:
+        said += f"; its middle is {level:.2f} g: is az positive up in this file?"
+    return replace(record, outputs=outputs), said

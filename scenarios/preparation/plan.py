@@ -1,0 +1,81 @@
+"""What a user asks of the preparation: which parts of a record, how its inputs are to be read, which filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from sim.errors import DeclarationError
+from sim.record import Hold
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of a record, both ends included, s; None leaves that end open."""
+
+    start: float | None = None
+    stop: float | None = None
+
+
+WHOLE = (Segment(),)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How records are prepared; the same for all of a call.
+
+    Attributes
+    ----------
+    segments : each becomes a record of its own.
+    hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the data say.
+    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples.
+    lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
+    """
+
+    segments: tuple[Segment, ...] = WHOLE
+    hold: Hold | None = None
+    rate: float | None = None
+    lowpass: float | None = None
+
+    def __post_init__(self) -> None:
+        for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise DeclarationError(f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero")
+
+
+def plan_of(
+    starts: Sequence[float] | None = None,
+    stops: Sequence[float] | None = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+) -> Plan:
+    """A plan from the words of a command line: ``--from`` and ``--to`` in pairs, in their order.
+
+    Raises
+    ------
+    DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none.
+    """
+    kinds = {kind.value: kind for kind in Hold}
+    if hold is not None and hold not in kinds:
+        raise DeclarationError(f"there is no hold {hold!r}", where="--hold", remedy=f"use {' or '.join(kinds)}")
+    return Plan(_segments(list(starts or ()), list(stops or ())), kinds[hold] if hold is not None else None, rate, lowpass)
+
+
+def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
+    if len(starts) <= 1 and len(stops) <= 1:
+        return (Segment(starts[0] if starts else None, stops[0] if stops else None),)
+    if len(starts) != len(stops):
+        what = f"{len(starts)} times --from and {len(stops)} times --to"
+        raise DeclarationError(what, where="--from, --to", remedy="give each segment both ends, in pairs")
+    for start, stop in zip(starts, stops, strict=True):
+        if not start < stop:
+            raise DeclarationError(f"--from {start:g} is not before --to {stop:g}", where="--from, --to", remedy="give the earlier time first")
+    ordered = sorted(zip(starts, stops, strict=True))
+    for (start, stop), (later, end) in pairwise(ordered):
+        if later < stop:
+            what = f"the segments {start:g} to {stop:g} s and {later:g} to {end:g} s overlap"
+            raise DeclarationError(what, where="--from, --to", remedy="let no sample count twice")
+    return tuple(Segment(start, stop) for start, stop in zip(starts, stops, strict=True))

@@ -1,0 +1,137 @@
+"""From record files to records that a model is fitted to: parts, units, az, hold, filter, trim and measured flow, each told in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from scenarios.files.channels import ColumnChoice
+from scenarios.preparation.airspeed import Flow, able, flow_sentence, measured_flow, with_flow
+from scenarios.preparation.filtering import filtered
+from scenarios.preparation.interpreting import BETTER, better_by, linear_by
+from scenarios.preparation.load_factor import with_load_factor
+from scenarios.preparation.plan import WHOLE, Plan, Segment
+from scenarios.preparing import about_trim
+from sim.model import Model
+from sim.record import Hold, Record
+
+STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What a fit starts from.
+
+    Attributes
+    ----------
+    model : the declared one, with the measured flow as further inputs where a record has one.
+    fitted, validation : records for it.
+    measured : the fitted records as they would be written: before trims are taken off and the flow becomes an input.
+    notes : what was done, one sentence each.
+    """
+
+    model: Model
+    fitted: tuple[Record, ...]
+    validation: tuple[Record, ...]
+    measured: tuple[Record, ...]
+    notes: tuple[str, ...]
+
+
+def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
+    """What needs no model: nz from az, then the plan's common filter. Sentences on what was done; a record that needs nothing comes back itself."""
+    record, of_az = with_load_factor(record)
+    record, of_filter = filtered(record, plan)
+    return record, tuple(said for said in (of_az, of_filter) if said)
+
+
+def prepare(
+    paths: Sequence[Path],
+    model: Model,
+    plan: Plan,
+    channels: Mapping[str, ColumnChoice] | None = None,
+    validate: Sequence[Path] = (),
+    *,
+    flow: bool = True,
+) -> Prepared:
+    """Read files for a model and prepare them: the plan's segments of ``paths``, all of ``validate``; without ``flow`` no measured speed is used.
+
+    Raises
+    ------
+    RecordError : anything in a file that keeps it from being used, in one line.
+    """
+    split = len(paths) * len(plan.segments)
+    parts = [(path, segment) for path in paths for segment in plan.segments] + [(path, WHOLE[0]) for path in validate]
+    optional = able(model) if flow else ()
+    read = [_read(path, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (path, segment) in enumerate(parts)]
+    fitted, known = [record for record, _ in read[:split]], all(said for _, said in read)
+    hold, notes = _hold(fitted, model, plan, known=known)
+    records: list[Record] = []
+    told: list[str] = []
+    for record, stated in read:
+        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan)
+        records.append(one)
+        told += sentences
+    fitted = records[:split]
+    weight, of_weight = _weight(fitted, model)
+    trimmed = [about_trim(record) for record in records]
+    for record, trims in trimmed:
+        units = {channel.name: channel.unit for channel in record.inputs}
+        told += [f"{record.name}: trim of {name} taken off, {value:.4g} {units[name]}" for name, value in trims.items()]
+    told += [said for record in records if (said := flow_sentence(record, model))]
+    wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
+    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(fitted), (*notes, *told, *of_weight))
+
+
+def named(path: Path, segment: Segment, *, several: bool) -> str:
+    """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
+    return f"{path.name}[{segment.start:g}-{segment.stop:g} s]" if several else path.name
+
+
+def _read(
+    path: Path, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None
+) -> tuple[Record, bool]:
+    """A part of a file, and whether a sidecar says how its inputs are to be read."""
+    from scenarios.files.records import read_record
+    from scenarios.files.sidecar import read_sidecar
+
+    inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
+    instead = {"nz": "az"} if "nz" in outputs else {}
+    record = read_record(path, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead)
+    # Named by their files: a sidecar's name may be the same for all of them.
+    return replace(record, name=named(path, segment, several=several)), read_sidecar(path).says_hold
+
+
+def _hold(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, list[str]]:
+    """How inputs are to be read where no file says it; None leaves them as read. Chosen by hand, by a sidecar, else by the fit."""
+    if plan.hold is not None:
+        return plan.hold, [f"inputs {_word(plan.hold)} between samples: chosen by hand"] if model.equations.inputs else []
+    if known or not model.equations.inputs:
+        return None, []
+    gain = linear_by([with_load_factor(record)[0] for record in fitted], model, with_flow)
+    if gain < BETTER:
+        return None, []
+    said = f"inputs linear between samples: the declared model fits so much better than with held ones (twice the log likelihood {gain:.1f})"
+    return Hold.LINEAR, [f"{said}; --hold previous holds them"]
+
+
+def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
+    """Whether the lift that carries the weight follows the measured pressure, as it does in flight, or the record is of perturbations alone."""
+    flows = [measured_flow(record, model) for record in fitted]
+    if not any(flow is not None and _varies(flow) for flow in flows):
+        return True, []
+    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in fitted)]
+    gain = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs)
+    if gain < BETTER:
+        return True, ["the lift that carries the weight follows the measured pressure; speed-variation is no candidate"]
+    said = f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {gain:.1f})"
+    return False, [f"{said}; speed-variation is no candidate"]
+
+
+def _varies(flow: Flow) -> bool:
+    pressure = flow.speed**2 * (1.0 if flow.density is None else flow.density)
+    return bool(pressure.max() > (1.0 + STEADY) * pressure.min())
+
+
+def _word(hold: Hold) -> str:
+    return "held" if hold is Hold.PREVIOUS else "linear"
