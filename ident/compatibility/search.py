@@ -117,11 +117,14 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
 @dataclass(frozen=True, eq=False)
 class Searched:
     """Findings, the standing ones first; of every fault the trial that counts: of what stands that beside everything else that stands, of what was
-    ruled out with it that in its place, of all others that beside everything that stands. ``found`` is the fit with the best of each group."""
+    ruled out with it that in its place, of all others that beside everything that stands. ``found`` is the fit with the best of each group.
+    ``early``: a channel ahead of its time, which no sensor can be, that explains more than any fault: nothing further stands then.
+    """
 
     findings: tuple[SensorFinding, ...]
     trials: tuple[Trial, ...]
     found: Fit
+    early: Trial | None = None
 
 
 def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], settings: CompatibilitySettings) -> Searched:
@@ -134,12 +137,16 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
     left, current = tried(base, faults), base
     groups: list[list[Trial]] = []
     refused: list[Trial] = []
+    stopped: Trial | None = None
     seen = {trial.fault: trial for trial in left}
     for _ in range(2 * settings.most):
         if len(groups) == settings.most:
             break
         best = _best([trial for trial in left if trial.fault not in {t.fault for t in refused}], level)
-        if best is None:
+        early = _early(left)
+        if best is not None and early is not None and early.gain > best.gain:
+            stopped = early
+        if best is None or stopped is not None:
             break
         if not replicates(bases, current, best):
             refused.append(best)
@@ -154,7 +161,8 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
         left = tried(current, [fault for fault in faults if fault not in closed and not any(_same_lateness(fault, one) for one in chosen)])
         seen |= {trial.fault: trial for trial in left}
     here = {trial.fault for trial in [*left, *(trial for group in groups for trial in group)]}
-    return _searched(faults, groups, [*left, *(trial for fault, trial in seen.items() if fault not in here)], refused, current)
+    left = [*left, *(trial for fault, trial in seen.items() if fault not in here)]
+    return _searched(faults, groups, left, refused, current, stopped)
 
 
 def _rearranged(base: Fit, groups: Sequence[list[Trial]], collinear: float, level: float) -> tuple[list[list[Trial]], Fit]:
@@ -176,7 +184,12 @@ def _rearranged(base: Fit, groups: Sequence[list[Trial]], collinear: float, leve
 
 
 def _searched(
-    faults: Sequence[SensorFault], groups: Sequence[Sequence[Trial]], left: Sequence[Trial], refused: Sequence[Trial], current: Fit
+    faults: Sequence[SensorFault],
+    groups: Sequence[Sequence[Trial]],
+    left: Sequence[Trial],
+    refused: Sequence[Trial],
+    current: Fit,
+    early: Trial | None,
 ) -> Searched:
     findings = []
     for group in groups:
@@ -187,7 +200,7 @@ def _searched(
     findings += [_finding(trial, (), stands=False, replicates=trial.fault not in disagreeing) for trial in rest]
     order = {fault: i for i, fault in enumerate(faults)}
     trials = sorted([*(trial for group in groups for trial in group), *left], key=lambda trial: order[trial.fault])
-    return Searched(tuple(findings), tuple(trials), current)
+    return Searched(tuple(findings), tuple(trials), current, early)
 
 
 def beside(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
@@ -215,6 +228,14 @@ def _best(trials: Sequence[Trial], level: float) -> Trial | None:
     sized = [trial for trial in trials if trial.told and trial.fault.worth < abs(trial.size) < 0.99 * trial.fault.largest]
     standing = [trial for trial in sized if trial.p_value < level]
     return max(standing, key=lambda trial: trial.gain, default=None)
+
+
+def _early(trials: Sequence[Trial]) -> Trial | None:
+    """The channel that would have to be recorded before it happens, where that gains most.
+
+    A gust moves the vane and the load at once, the path only later: the load then seems early, and alpha and q late.
+    """
+    return max((trial for trial in trials if trial.told and trial.fault.kind in (DELAY, LAG) and trial.size < 0), key=lambda t: t.gain, default=None)
 
 
 def _group(current: Fit, best: Trial, trials: Sequence[Trial], collinear: float) -> list[Trial]:
