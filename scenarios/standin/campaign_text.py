@@ -33,9 +33,11 @@ def campaign_text(standin: StandIn, judged: Sequence[Judged]) -> str:
     ]
     seeds = [flight.seed for flight in judged]
     verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
+    false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
     blocks = [
         [f"{standin.name}: {len(judged)} flights, seeds {seeds[0]} to {seeds[-1]}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
         table(("share", "count", "percent", "95 % interval"), rows),
+        false,
         table(("hidden effect", "flights", "named alone", "in a group"), effects),
         table(
             ("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"),

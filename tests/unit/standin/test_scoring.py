@@ -134,6 +134,7 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     assert all(set(flown.errors) == set(RIGID.derivatives) for flown in judged)
     text = campaign_text(short(EVERY), judged)
     assert "2 flights, seeds 7 to 8" in text and "2 of 2" in text
+    assert "seed 7: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
     write_campaign(short(EVERY), judged, tmp_path / "c")
     assert (tmp_path / "c" / "campaign.json").is_file()
     assert (tmp_path / "c" / "flights.csv").read_text().splitlines()[1].startswith("7,partial,,,sensor-lag:alpha + sensor-scale:nz")
