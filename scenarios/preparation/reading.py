@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from scenarios.files.channels import ColumnChoice
 from scenarios.preparation.airspeed import Flow, able, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.filtering import filtered
-from scenarios.preparation.interpreting import BETTER, better_by, linear_by
+from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
 from scenarios.preparation.plan import WHOLE, Plan, Segment
 from scenarios.preparing import about_trim
@@ -65,7 +66,7 @@ def prepare(
     optional = able(model) if flow else ()
     read = [_read(path, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (path, segment) in enumerate(parts)]
     fitted, known = [record for record, _ in read[:split]], all(said for _, said in read)
-    hold, notes = _hold(fitted, model, plan, known=known)
+    hold, weight, notes = _readings([with_load_factor(record)[0] for record in fitted], model, plan, known=known)
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
@@ -73,14 +74,13 @@ def prepare(
         records.append(one)
         told += sentences
     fitted = records[:split]
-    weight, of_weight = _weight(fitted, model)
     trimmed = [about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
         told += [f"{record.name}: trim of {name} taken off, {value:.4g} {units[name]}" for name, value in trims.items()]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
-    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(fitted), (*notes, *told, *of_weight))
+    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(fitted), (*told, *notes))
 
 
 def named(path: Path, segment: Segment, *, several: bool) -> str:
@@ -102,17 +102,21 @@ def _read(
     return replace(record, name=named(path, segment, several=several)), read_sidecar(path).says_hold
 
 
-def _hold(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, list[str]]:
-    """How inputs are to be read where no file says it; None leaves them as read. Chosen by hand, by a sidecar, else by the fit."""
+def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:
+    """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the pressure, and sentences on both."""
+    weight, of_weight = _weight(fitted, model)
+    if not model.equations.inputs:
+        return None, weight, of_weight
     if plan.hold is not None:
-        return plan.hold, [f"inputs {_word(plan.hold)} between samples: chosen by hand"] if model.equations.inputs else []
-    if known or not model.equations.inputs:
-        return None, []
-    gain = linear_by([with_load_factor(record)[0] for record in fitted], model, with_flow)
+        word = "held" if plan.hold is Hold.PREVIOUS else "linear"
+        weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
+        return plan.hold, weight, [f"inputs {word} between samples: chosen by hand", *of_weight]
+    gain = 0.0 if known else linear_by(fitted, model, partial(with_flow, weight=weight))
     if gain < BETTER:
-        return None, []
-    said = f"inputs linear between samples: the declared model fits so much better than with held ones (twice the log likelihood {gain:.1f})"
-    return Hold.LINEAR, [f"{said}; --hold previous holds them"]
+        return None, weight, of_weight
+    weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
+    said = f"inputs linear between samples: the declared model fits better than with held ones (twice the log likelihood {gain:.1f})"
+    return Hold.LINEAR, weight, [f"{said}; --hold previous holds them", *of_weight]
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
@@ -131,7 +135,3 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
 def _varies(flow: Flow) -> bool:
     pressure = flow.speed**2 * (1.0 if flow.density is None else flow.density)
     return bool(pressure.max() > (1.0 + STEADY) * pressure.min())
-
-
-def _word(hold: Hold) -> str:
-    return "held" if hold is Hold.PREVIOUS else "linear"
