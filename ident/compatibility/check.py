@@ -67,9 +67,9 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
     joint = _result(found, bias_estimates(whole) if not together else ())
     single = [_by_itself(base, found, settings, len(bases)) for base in bases] if together else [joint]
     if found.early is not None:
-        name, late = found.early.fault.channel, -1000.0 * found.early.size
+        ahead = -1000.0 * found.early.size
         notes.append(
-            f"{name} recorded {late:.0f} ms before it happens would explain more than any sensor fault: something acts that the kinematics "
+            f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that nothing more stands"
         )
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))

@@ -118,7 +118,7 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
 class Searched:
     """Findings, the standing ones first; of every fault the trial that counts: of what stands that beside everything else that stands, of what was
     ruled out with it that in its place, of all others that beside everything that stands. ``found`` is the fit with the best of each group.
-    ``early``: a channel ahead of its time, which no sensor can be, that explains more than any fault: nothing further stands then.
+    ``early``: a load ahead of its time, which no sensor can show, where it explains more than any fault: nothing further stands then.
     """
 
     findings: tuple[SensorFinding, ...]
@@ -231,11 +231,12 @@ def _best(trials: Sequence[Trial], level: float) -> Trial | None:
 
 
 def _early(trials: Sequence[Trial]) -> Trial | None:
-    """The channel that would have to be recorded before it happens, where that gains most.
+    """The load recorded before it happens, where that gains anything, which no sensor does.
 
     A gust moves the vane and the load at once, the path only later: the load then seems early, and alpha and q late.
     """
-    return max((trial for trial in trials if trial.told and trial.fault.kind in (DELAY, LAG) and trial.size < 0), key=lambda t: t.gain, default=None)
+    ahead = [trial for trial in trials if trial.told and trial.fault.channel == "nz" and trial.fault.kind in (DELAY, LAG) and trial.size < 0]
+    return max(ahead, key=lambda trial: trial.gain, default=None)
 
 
 def _group(current: Fit, best: Trial, trials: Sequence[Trial], collinear: float) -> list[Trial]:

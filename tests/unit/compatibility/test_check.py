@@ -10,9 +10,10 @@ import pytest
 from ident.compatibility.check import compatibility
 from ident.compatibility.result import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
-from sim.record import Channel
-from tests.oracles.flight_path import Sensors
-from tests.unit.compatibility.flights import ALL, FOUR, SPEED, THREE, record
+from sim.record import Channel, Record
+from tests.oracles import undeclared_flights as flights
+from tests.oracles.flight_path import UNITS, Sensors
+from tests.unit.compatibility.flights import ALL, FOUR, NOISE, SPEED, THREE, record
 
 SETTINGS = CompatibilitySettings(SPEED)
 
@@ -172,3 +173,18 @@ def test_a_channel_that_does_not_move_ends_well() -> None:
 def test_exact_data_end_well() -> None:
     found = compatibility([record(FOUR, noise=0.0)], SETTINGS)
     assert all(np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all() for item in found.joint.estimates)
+
+
+def test_a_gust_on_vane_and_load_is_not_laid_to_a_sensor() -> None:
+    pattern = flights.three_two_one_one(0.06, 0.5, 1.0) + flights.doublet(-0.03, 1.0, 9.0)
+    accused, noted = [], 0
+    for seed in (0, 1, 2):
+        rng = np.random.default_rng(seed)
+        gust = flights.dryden(rng, 1.5, 150.0, flights.TRAINER.airspeed, 21.0)
+        flown = flights.fly_aircraft(flights.TRAINER, flights.steps(pattern, 25.0, 20.0), 25.0, flights.Hidden(gust=gust))
+        columns = flights.measured(flown, rng, {name: NOISE[name] for name in THREE})
+        outputs = tuple(Channel.of(name, UNITS[name], columns[name]) for name in THREE)
+        found = compatibility([Record(columns["time"], (), outputs)], CompatibilitySettings(flights.TRAINER.airspeed))
+        accused += standing(found)
+        noted += any("a gust" in note for note in found.notes)
+    assert accused == [] and noted > 0
