@@ -48,7 +48,9 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     if plan.rate is not None:
         from scipy.interpolate import CubicSpline
 
+        smooth_inputs = smooth
         smooth = {name: CubicSpline(time, values)(new) for name, values in smooth.items()}
+        smooth |= {channel.name: _for_lines(time, smooth_inputs[channel.name], new) for channel in record.inputs}
         near = {name: np.interp(new, time, bad.astype(float)) > 0.0 for name, bad in near.items()}
     inputs = tuple(Channel.of(channel.name, channel.unit, smooth[channel.name]) for channel in record.inputs)
     outputs = tuple(Channel.of(c.name, c.unit, np.where(near[c.name], np.nan, smooth[c.name])) for c in record.outputs)
@@ -69,7 +71,8 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
             raise RecordError(f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
         corners.append(plan.lowpass)
     corner = min(corners)
-    return corner, f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} Hz, inputs linear since then"
+    held = "; its inputs were held: loads that follow them at once are then read half a sample late" if record.hold is Hold.PREVIOUS else ""
+    return corner, f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} Hz, inputs linear since then{held}"
 
 
 def _even(time: np.ndarray, step: float) -> np.ndarray:
@@ -82,9 +85,24 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
     """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
     t, known = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
-        edges = np.concatenate([[t[0]], 0.5 * (t[:-1] + t[1:]), [t[-1]]])
-        return np.interp(time, edges, np.append(channel.values, channel.values[-1])), np.ones(len(time), dtype=bool)
+        from scipy.interpolate import CubicSpline
+
+        middles = 0.5 * (t + np.append(t[1:], 2.0 * t[-1] - t[-2]))
+        return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(len(time), dtype=bool)
     return np.interp(time, t[known], channel.values[known]), np.interp(time, t, known.astype(float)) > 1.0 - 1e-9
+
+
+def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own samples would cut its peaks."""
+    from scipy.linalg import solveh_banded
+
+    at = np.clip(np.searchsorted(new, time, side="right") - 1, 0, len(new) - 2)
+    right = np.clip((time - new[at]) / (new[at + 1] - new[at]), 0.0, 1.0)
+    left, n = 1.0 - right, len(new)
+    diagonal = np.bincount(at, left**2, n) + np.bincount(at + 1, right**2, n)
+    beside = np.concatenate([[0.0], np.bincount(at, left * right, n)[:-1]])
+    goal = np.bincount(at, left * values, n) + np.bincount(at + 1, right * values, n)
+    return np.asarray(solveh_banded(np.vstack([beside, diagonal]), goal))
 
 
 def _near_gaps(known: np.ndarray, reach: int) -> np.ndarray:

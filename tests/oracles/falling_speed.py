@@ -7,7 +7,6 @@ Without: perturbations about a trim that any speed is in, alpha_dot = q - rho V 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,11 +30,10 @@ class FallingSpeed:
 
 
 def fly_falling(
-    *, weight: bool, fall: float = 0.1, climb: float = 0.0, duration: float = 20.0, rate: float = 50.0, elevator: Callable[[float], float] | None = None
+    *, weight: bool, fall: float = 0.1, climb: float = 0.0, duration: float = 20.0, rate: float = 50.0, held: bool = False
 ) -> FallingSpeed:
-    """``fall`` is the share of the airspeed that is lost over the record, evenly; ``climb`` that of the air density."""
+    """``fall`` is the share of the airspeed that is lost over the record, evenly, ``climb`` that of the air density; ``held`` holds the samples."""
     c, d = CONSTANTS, TRUE
-    move = elevator or sines
     steps = 4
     h = 1.0 / rate / steps
     count = int(duration * rate) + 1
@@ -45,17 +43,17 @@ def fly_falling(
 
     lift0 = c["mass"] * G / (0.5 * c["air_density"] * c["airspeed"] ** 2 * c["wing_area"]) if weight else 0.0
 
-    def loads(t: float, a: float, q: float) -> tuple[float, float]:
+    def loads(t: float, de: float, a: float, q: float) -> tuple[float, float]:
         V, rho = air(t)
         force = 0.5 * rho * V * V * c["wing_area"]
-        rate_hat, de = q * c["chord"] / (2.0 * V), move(t)
+        rate_hat = q * c["chord"] / (2.0 * V)
         CL = lift0 + d["CL_alpha"] * a + d["CL_q"] * rate_hat + d["CL_de"] * de
         Cm = d["Cm_alpha"] * a + d["Cm_q"] * rate_hat + d["Cm_de"] * de
         return force * CL, force * c["chord"] * Cm
 
-    def rates(t: float, x: np.ndarray) -> np.ndarray:
+    def rates(t: float, sample: float, x: np.ndarray) -> np.ndarray:
         theta, gamma, q = (float(value) for value in x)
-        L, M = loads(t, theta - gamma, q)
+        L, M = loads(t, sines(sample if held else t), theta - gamma, q)
         V, _ = air(t)
         turn = (L / c["mass"] - (G * math.cos(gamma) if weight else 0.0)) / V
         return np.array([q, turn, M / c["pitch_inertia"]])
@@ -63,15 +61,15 @@ def fly_falling(
     x, rows = np.zeros(3), []
     for k in range(count):
         t = k / rate
-        L, _ = loads(t, x[0] - x[1], x[2])
+        L, _ = loads(t, sines(t), x[0] - x[1], x[2])
         V, rho = air(t)
-        rows.append((t, move(t), x[0] - x[1], x[2], L / (c["mass"] * G) - (1.0 if weight else 0.0), V, 0.5 * rho * V * V))
+        rows.append((t, sines(t), x[0] - x[1], x[2], L / (c["mass"] * G) - (1.0 if weight else 0.0), V, 0.5 * rho * V * V))
         for i in range(steps):
             at = t + i * h
-            k1 = rates(at, x)
-            k2 = rates(at + 0.5 * h, x + 0.5 * h * k1)
-            k3 = rates(at + 0.5 * h, x + 0.5 * h * k2)
-            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(at + h, x + h * k3))
+            k1 = rates(at, t, x)
+            k2 = rates(at + 0.5 * h, t, x + 0.5 * h * k1)
+            k3 = rates(at + 0.5 * h, t, x + 0.5 * h * k2)
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(at + h, t, x + h * k3))
     return FallingSpeed(*np.array(rows).T)
 
 
