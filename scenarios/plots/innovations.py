@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ident.colour import autocovariance
 from ident.estimate import FilterHistory
-from scenarios.plots.display import axis_label, display_unit, symbol
+from scenarios.plots.display import axis_label, display_unit, scaled_unit, symbol
 from scenarios.plots.histories import sound_samples
 from scenarios.plots.style import BLACK, BLUE, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, time_axis, y_label
 
@@ -33,8 +33,9 @@ def figure_innovations(history: FilterHistory, output_names: Sequence[str], unit
         for panel in sheet.panels:
             caption(panel, "no sample was used")
     for row, (left, right) in zip(rows, sheet.axes, strict=False):
-        unit = display_unit(units[row])
-        valid = history.valid[row]
+        valid, base = history.valid[row], display_unit(units[row])
+        # A power of ten stands in the unit: above the axis it would run into the caption.
+        unit = scaled_unit(base, base.factor * _limit(history.innovation[row, valid], history.innovation_std[row, valid]))
         _innovations(left, history.time[valid], unit.factor * history.innovation[row, valid], unit.factor * history.innovation_std[row, valid])
         left.set_xlim(history.time[0], history.time[-1])
         y_label(left, axis_label(output_names[row], unit))
@@ -54,9 +55,13 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
     panel.plot(time, innovation, color=BLUE, linestyle="none", marker=".", markersize=3.0, markeredgewidth=0.0, label="innovation")
     panel.plot(time, 2.0 * std, color=VERMILION, linewidth=1.1, label="±2σ bounds")
     panel.plot(time, -2.0 * std, color=VERMILION, linewidth=1.1)
-    # The first bounds come from the prior and may dwarf all others; the innovations themselves are all shown.
-    limit = 1.15 * max(float(np.abs(innovation).max()), 2.0 * float(np.quantile(std, 0.9)))
+    limit = _limit(innovation, std)
     panel.set_ylim(-limit, limit)
+
+
+def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
+    """Where the axis ends: the first bounds come from the prior and may dwarf all others; the innovations themselves are all shown."""
+    return 1.15 * max(float(np.abs(innovation).max()), 2.0 * float(np.quantile(std, 0.9)))
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
