@@ -73,7 +73,7 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
             "do not know, a gust on vane and load most likely, so that nothing more stands"
         )
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
-    return Compatibility(channels, joined, joint, tuple(single), _reconstructions(found.found), told, tuple(notes))
+    return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
 
 
 def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:
@@ -104,9 +104,9 @@ def _together(bases: Sequence[Fit]) -> Fit:
     return replace(bases[0], own=tuple(base.own[0] for base in bases), noise=replace(bases[0].noise, white=white, density=density))
 
 
-def _reconstructions(final: Fit) -> tuple[Reconstruction, ...]:
+def _reconstructions(base: Fit, final: Fit) -> tuple[Reconstruction, ...]:
     out = []
-    for s, y, residual in zip(final.signals, final.outputs, final.residuals, strict=True):
+    for s, plain, y, residual in zip(final.signals, base.outputs, final.outputs, final.residuals, strict=True):
         smooth = y + smoothed_walk(s, final.noise, residual)
         rows = range(len(s.outputs))
         out.append(
@@ -114,6 +114,7 @@ def _reconstructions(final: Fit) -> tuple[Reconstruction, ...]:
                 s.name,
                 s.time,
                 {s.outputs[i]: s.channels[s.outputs[i]] for i in rows},
+                {s.outputs[i]: plain[i] for i in rows},
                 {s.outputs[i]: y[i] for i in rows},
                 {s.outputs[i]: smooth[i] for i in rows},
                 {s.outputs[i]: s.valid[i] for i in rows},

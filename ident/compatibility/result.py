@@ -85,13 +85,14 @@ class SensorFinding:
 class Reconstruction:
     """One record: by output, what was measured, what the kinematics make of the other channels, and what is left. ``(N,)`` each, SI.
 
-    ``integrated`` follows from the measured inputs alone, ``smoothed`` also from the output; ``used`` is False where a sample is missing or
-    set aside.
+    ``recorded`` follows from the measured inputs as they are, ``integrated`` from them less the faults that stand, ``smoothed`` also from the
+    output; ``used`` is False where a sample is missing or set aside.
     """
 
     record: str
     time: np.ndarray
     measured: Mapping[str, np.ndarray]
+    recorded: Mapping[str, np.ndarray]
     integrated: Mapping[str, np.ndarray]
     smoothed: Mapping[str, np.ndarray]
     used: Mapping[str, np.ndarray]

@@ -8,31 +8,31 @@ from matplotlib.figure import Figure
 from ident.compatibility.faults import UNITS
 from ident.compatibility.result import Reconstruction
 from scenarios.plots.display import axis_label, display_unit
-from scenarios.plots.style import BLUE, MEASURED, TICK_SIZE, VERMILION, ZERO, finish, make_sheet, time_axis, y_label
+from scenarios.plots.style import BLUE, GREEN, MEASURED, TICK_SIZE, VERMILION, ZERO, finish, make_sheet, time_axis, y_label
 
 
 def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
     """Each output measured (dots), integrated from the measured inputs and smoothed with the output itself, and below what each leaves.
 
-    The faults that stand are taken into account; what is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
+    What is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
     """
     names = list(item.measured)
     sheet = make_sheet([1.45, 1.0] * len(names), row_gap=0.18)
+    corrected = any(not np.array_equal(item.recorded[name], item.integrated[name]) for name in names)
     for number, name in enumerate(names):
         unit = display_unit(UNITS[name])
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
         measured, used = unit.factor * item.measured[name], item.used[name]
         above.plot(item.time[used], measured[used], label="measured", **MEASURED)
         below.axhline(0.0, **ZERO)
-        for values, colour, style, label in (
-            (item.integrated[name], VERMILION, "--", "integrated from the other channels"),
-            (item.smoothed[name], BLUE, "-", "smoothed"),
-        ):
-            shown = unit.factor * values
-            above.plot(item.time, shown, color=colour, linestyle=style, linewidth=1.2, label=label, zorder=3)
-            below.plot(
-                item.time, np.where(used, measured - shown, np.nan), linestyle="none", marker=".", markersize=2.5, color=colour, markeredgewidth=0.0
-            )
+        shown = [(item.recorded[name], VERMILION, "--", "integrated from the other channels")]
+        if corrected:
+            shown.append((item.integrated[name], BLUE, "-", "with the faults that stand"))
+        shown.append((item.smoothed[name], GREEN, ":", "smoothed"))
+        for values, colour, style, label in shown:
+            above.plot(item.time, unit.factor * values, color=colour, linestyle=style, linewidth=1.2, label=label, zorder=3)
+            residual = np.where(used, measured - unit.factor * values, np.nan)
+            below.plot(item.time, residual, linestyle="none", marker=".", markersize=2.5, color=colour, markeredgewidth=0.0)
         y_label(above, axis_label(name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])
