@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ident.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Quantity, Step
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
 from scenarios.diagnosing import Tracing
+from scenarios.diagnosis_evidence import record_labels, warnings_of
 from scenarios.diagnosis_text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.effect_wording import Wording, sentence
 
@@ -36,8 +37,9 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "verdict": d.verdict.value,
         "verdict_sentence": d.verdict.sentence,
         "headline": headline(tracing),
-        "effects": [_claim(claim, wording) for claim in d.effects],
+        "effects": [_claim(claim, wording, record_labels(tracing)) for claim in d.effects],
         "parameters": {"before": quantities(d.before), "after": quantities(d.after)},
+        "scatter": {name: positive(std) for name, std in d.scatter.items()},
         "derived": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_after).items()},
         "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
         "error": {
@@ -50,7 +52,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "residual_tests": {"before": [_test(test) for test in d.tests_before], "after": [_test(test) for test in d.tests_after]},
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
-        "warnings": [*d.warnings, *_undetermined(d)],
+        "warnings": [*warnings_of(tracing), *_undetermined(d)],
         "notes": list(tracing.notes),
         "advice": verdict_advice(tracing),
         "inputs": _inputs(tracing),
@@ -88,7 +90,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _claim(claim: Claim, wording: Wording) -> dict[str, Any]:
+def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
     out: dict[str, Any] = {
         "name": claim.name,
         "alternatives": list(claim.alternatives),
@@ -97,7 +99,19 @@ def _claim(claim: Claim, wording: Wording) -> dict[str, Any]:
     }
     out |= {} if claim.claimed else {"claimed": False}
     out |= {"records": list(claim.records)} if claim.records else {}
+    out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}
     return out | ({"explanation": claim.explanation} if claim.explanation else {})
+
+
+def _evidence(evidence: Evidence, records: Sequence[str]) -> dict[str, Any]:
+    """``by_record`` in the order of ``records``; derivatives under the effect itself first, then each alternative."""
+    return {
+        "error_left": bounded(evidence.error_left),
+        "error_left_std": positive(evidence.error_left_std),
+        "records": list(records[: len(evidence.by_record)]),
+        "by_record": [quantities(each) for each in evidence.by_record],
+        "derivatives": {member: quantities(each) for member, each in evidence.derivatives.items()},
+    }
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
@@ -146,7 +160,8 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "parameters": quantities(c.parameters),
         "collinear_with": list(c.collinear_with),
     }
-    return out | ({"held_out_change": bounded(c.held_out_change)} if c.held_out_change is not None else {})
+    out |= {"held_out_change": bounded(c.held_out_change)} if c.held_out_change is not None else {}
+    return out | ({"remark": c.remark} if c.remark else {})
 
 
 def _undetermined(d: Diagnosis) -> list[str]:

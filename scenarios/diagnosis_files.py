@@ -79,13 +79,13 @@ def write_residuals(path: Path, fitted: FittedRecord) -> None:
 
 def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
     """Every candidate of every round, one row each; cells of what was not computed are empty."""
-    header = ["round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "collinear_with", "parameters"]
+    header = ["round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "collinear_with", "parameters", "remark"]
     rows = []
     for c in candidates:
         held = "" if c.held_out_change is None else repr(bounded(c.held_out_change))
         parameters = "; ".join(f"{name} = {q.value:.6g} +- {q.std:.2g} {q.unit}" for name, q in c.parameters.items())
         numbers = [repr(bounded(c.gain)), repr(bounded(c.p_value)), str(int(c.fitted)), str(int(c.plausible)), held]
-        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters])
+        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters, c.remark])
     _write(path, header, rows)
 
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosing import Tracing
-from scenarios.effect_wording import Wording, displayed, parameter_text, sentence, value_text, with_sigma
+from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
+from scenarios.effect_wording import Wording, displayed, group_sentence, parameter_text, sentence, value_text, with_sigma
 from scenarios.separating import separating_maneuvers
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
@@ -25,15 +26,19 @@ def diagnosis_text(tracing: Tracing) -> str:
         table(
             ("error", "unit", "before", "after", "noise floor"), error_rows(d), left=2, title=f"simulation error (rms) on {where_predicted(tracing)}"
         ),
-        table(("derivative", "unit", "before", "after", "moved by"), derivative_rows(d.before, d.after), left=2, title=moved_title(d)),
+        table(derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), left=2, title=moved_title(d)),
+        *(table(("derivative", "unit", *members), rows, left=2, title=MEMBER_TITLE) for members, rows in member_tables(d)),
         table(("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), left=2),
+        table(("effect", "held-out", "", "parameters"), weighed_rows(d), title=WEIGHED_TITLE),
         table(("round", "candidate", "gain", "p", "held-out", "parameters", ""), candidate_rows(d), left=2, title=CANDIDATE_TITLE),
-        [line for warning in d.warnings for line in _wrapped(f"warning: {warning}")],
+        [line for warning in warnings_of(tracing) for line in _wrapped(f"warning: {warning}")],
         [line for note in tracing.notes for line in _wrapped(f"note: {note}")],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
+WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
+MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
 
 
@@ -63,18 +68,22 @@ def headline(tracing: Tracing) -> str:
     """The finding in one sentence: effect, the error that fell most, the derivative that moved most."""
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
-    told = " and ".join(sentence(claim, wording) for claim in claimed)
+    told = " and ".join(group_sentence(claim, wording) for claim in claimed)
     if not claimed:
         return _untouched(tracing)
+    proven = [claim for claim in claimed if claim.evidence is not None]
     parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
+    if proven:
+        parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim, i)]) for i, claim in enumerate(proven)]
+        parts = [group_sentence(claim, wording) for claim in claimed if claim.evidence is None] + parts
     error = _error_phrase(tracing)
-    if error:
+    if error and not proven:
         parts.append(f"with that, {error}")
     name = _most_moved(d)
     if name:
         old, new = d.before[name], d.after[name]
-        parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}")
-    return "; ".join(parts)
+        parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}{scatter_text(d, name)}")
+    return "; ".join([*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])])
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
@@ -90,7 +99,7 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     """Name, sentence, and what has to be said with it."""
     hint = "" if claim.claimed else "hint only, not claimed: "
     where = f" (in record {', '.join(str(number + 1) for number in claim.records)})" if claim.records else ""
-    return f"{hint}{sentence(claim, wording)}{where}"
+    return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
 
 
 def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
@@ -102,8 +111,15 @@ def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     return rows
 
 
-def derivative_rows(before: Mapping[str, Quantity], after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
-    """Name, unit, value +- sigma before and after, the move in sigmas of both (marked beyond two); all in the files' units."""
+def derivative_headings(d: Diagnosis) -> tuple[str, ...]:
+    """Headings of ``derivative_rows``, with a column of the scatter where it is known."""
+    return ("derivative", "unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
+
+
+def derivative_rows(
+    before: Mapping[str, Quantity], after: Mapping[str, Quantity], scatter: Mapping[str, float] | None = None
+) -> list[tuple[str, ...]]:
+    """Name, unit, value +- sigma before and after, run-to-run scatter where any is known, the move in sigmas of both (marked beyond two)."""
     rows: list[tuple[str, ...]] = []
     for name, old in before.items():
         new = after.get(name)
@@ -113,7 +129,9 @@ def derivative_rows(before: Mapping[str, Quantity], after: Mapping[str, Quantity
         mark = " *" if abs(sigmas) > MOVED else "  "
         move = f"{sigmas:+.1f} sigma{mark}" if abs(sigmas) >= 0.05 else "-  "
         unit = old.unit if old.unit != "1" else ""
-        rows.append((name, unit, value_text(old.value, old.std), value_text(new.value, new.std), move))
+        rows.append(
+            (name, unit, value_text(old.value, old.std), value_text(new.value, new.std), *(scatter_rows(scatter, [name]) if scatter else []), move)
+        )
     return rows
 
 
@@ -129,6 +147,14 @@ def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
     return rows
 
 
+def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters."""
+    asked = [candidate for candidate in d.candidates if candidate.remark]
+    asked.sort(key=lambda c: (len(c.within), c.held_out_change if c.held_out_change is not None else 0.0))
+    cells = [candidate_row(candidate) for candidate in asked]
+    return [(row[1], row[4], candidate.remark, row[5]) for row, candidate in zip(cells, asked, strict=True)]
+
+
 def candidate_row(c: Candidate) -> tuple[str, ...]:
     """Round, name, gain, p-value, held-out change, parameters, remarks."""
     held = "-" if c.held_out_change is None else f"{100.0 * c.held_out_change:+.1f} %"
@@ -137,6 +163,7 @@ def candidate_row(c: Candidate) -> tuple[str, ...]:
     remarks = [] if c.fitted else ["screened"]
     remarks += [] if c.plausible else ["implausible"]
     remarks += [f"like {', '.join(c.collinear_with[:3])}"] if c.collinear_with else []
+    remarks += [c.remark] if c.remark else []
     name = " + ".join((*c.within, c.name))
     return str(c.round), name, f"{c.gain:.1f}", f"{c.p_value:.1g}", held, parameters, "; ".join(remarks)
 
@@ -177,11 +204,14 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int =
 
 def _effect_lines(tracing: Tracing) -> list[str]:
     wording, lines = wording_of(tracing), []
+    proven = [claim for claim in tracing.diagnosis.effects if claim.evidence is not None]
     for claim in tracing.diagnosis.effects:
         heading = effect_heading(claim, wording)
         lines += _wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}")
         if claim.parameters:
             lines += _wrapped(parameter_text(claim, wording), "    ")
+        for told in evidence_sentences(claim, proven.index(claim) if claim in proven else 0):
+            lines += _wrapped(told, "    ")
     for line in verdict_advice(tracing):
         lines += _wrapped(line)
     return lines

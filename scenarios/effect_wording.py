@@ -46,6 +46,26 @@ SENTENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "sensor-spikes": ("the reading of the {channel} has spikes: {rest}", "the reading of the {channel} has spikes"),
     }
 )
+# What a member of a group is called beside others, by name without its channel.
+MEMBERS: Mapping[str, str] = MappingProxyType(
+    {
+        "input-delay": "delay",
+        "actuator-lag": "actuator lag",
+        "actuator-rate-limit": "actuator rate limit",
+        "actuator-saturation": "actuator stop",
+        "input-deadband": "break-out",
+        "input-backlash": "hysteresis",
+        "moment-nonlinearity": "curved pitching moment",
+        "lift-nonlinearity": "curved lift",
+        "control-nonlinearity": "curved control",
+        "elastic-mode": "bending structure",
+        "speed-variation": "changing airspeed",
+        "vane-offset": "vane ahead",
+        "sensor-lag": "lag",
+        "sensor-delay": "delay",
+    }
+)
+_LATE = ("sensor-lag", "sensor-delay")
 _TIMES = ("time", "start", "begin", "duration")
 
 
@@ -74,6 +94,21 @@ def sentence(claim: Claim, wording: Wording) -> str:
             continue  # a parameter that is not there, or a template of a user's that cannot be filled in
     numbers = parameter_text(claim, wording)
     return f"{claim.name} acts: {numbers}" if numbers else f"{claim.name} acts"
+
+
+def group_sentence(claim: Claim, wording: Wording) -> str:
+    """The sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s late (lag or delay: these records cannot tell)"``."""
+    told = sentence(claim, wording)
+    if not claim.alternatives:
+        return told
+    base, _, channel = claim.name.partition(":")
+    names = (claim.name, *claim.alternatives)
+    one_reading = all(name.partition(":")[2] == channel for name in names if name.startswith("sensor-"))
+    if base in _LATE and one_reading:
+        time = next((displayed(quantity) for quantity in claim.parameters.values()), None)
+        told = f"the {CHANNELS.get(channel, channel)} is read {_number(time[0], time[1])} s late" if time is not None else told
+    members = [MEMBERS.get(name.partition(":")[0].partition("#")[0], name) if one_reading else name for name in names]
+    return f"{told} ({', '.join(members[:-1])} or {members[-1]}: these records cannot tell)"
 
 
 def parameter_text(claim: Claim, wording: Wording) -> str:

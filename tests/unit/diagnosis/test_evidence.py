@@ -1,0 +1,174 @@
+"""A partial verdict told: the group, what replicates, run-to-run scatter, what is left."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.residuals import ResidualTest
+from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
+from ident.tracing.verdict import not_noise
+from scenarios.diagnosing import Tracing
+from scenarios.diagnosis_content import diagnosis_content
+from scenarios.diagnosis_evidence import by_record_text, evidence_sentences, member_derivatives, warnings_of
+from scenarios.diagnosis_text import diagnosis_text, headline, weighed_rows
+from scenarios.effect_wording import Wording, group_sentence
+from scenarios.files.writing import json_text
+from tests.diagnoses import tracing_of
+
+LATE = (0.058, 0.063, 0.060, 0.062)
+
+
+def evidence_of(values: tuple[float, ...] = LATE, *names: str, unit: str = "s", parameter: str = "time_constant") -> Evidence:
+    members = names or ("sensor-lag:alpha", "sensor-delay:alpha", "vane-offset")
+    derivatives = {name: {"Cm_q": Quantity(-17.0 - i, 0.4, "1/rad")} for i, name in enumerate(members)}
+    return Evidence(0.62, 0.05, tuple({parameter: Quantity(value, 0.004, unit)} for value in values), derivatives)
+
+
+def partial_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
+    """A late angle of attack that stands, three records fitted and one held out."""
+    tracing = tracing_of(Verdict.PARTIAL)
+    claim = Claim("sensor-lag:alpha", {"time_constant": Quantity(0.061, 0.002, "s")}, ("sensor-delay:alpha", "vane-offset"), evidence=evidence_of())
+    d = tracing.diagnosis
+    moved = {**d.before, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}, {**d.before, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
+    weighed = replace(d.candidates[2], gain=2.0, remark="the records give different values")
+    told = replace(
+        d,
+        effects=(claim,),
+        before=moved[0],
+        after=moved[1],
+        scatter={"Cm_q": 0.83, "CL_q": 2.0},
+        candidates=(*d.candidates, weighed),
+        tests_after=tests or d.tests_after,
+        warnings=tuple(not_noise(tests, 1e-4)),
+    )
+    three = tuple(replace(tracing.records[0], name=f"record_{number}.csv") for number in (1, 2, 3))
+    return replace(tracing, diagnosis=told, records=three)
+
+
+def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
+    return tuple(
+        ResidualTest("ljung-box", f"{name}, fitted record {r + 1}", 900.0, p_value, "not white over 25 lags, lag-1 correlation 0.90")
+        for r in range(count)
+        for name in ("alpha", "q", "nz")
+    )
+
+
+def test_headline_says_what_where_how_sure_and_what_follows() -> None:
+    assert headline(partial_tracing()) == (
+        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); it comes out alike from each of 4 records "
+        "(0.058, 0.063, 0.060, 0.062 s) and cuts the error on records that were not fitted to 0.62 +- 0.05 of what it was; "
+        "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "others", "words"),
+    [
+        ("sensor-delay:q", ("sensor-lag:q",), "the pitch rate is read 0.061 s late (delay or lag: these records cannot tell)"),
+        ("sensor-delay:q", ("sensor-scale:alpha",), "(sensor-delay:q or sensor-scale:alpha: these records cannot tell)"),
+        (
+            "input-delay",
+            ("actuator-lag",),
+            "what the elevator does reaches the aircraft 0.061 s late (delay or actuator lag: these records cannot tell)",
+        ),
+        ("my-effect", ("elastic-mode#2",), "(my-effect or bending structure: these records cannot tell)"),
+        ("sensor-delay:q", (), "the pitch rate is read 0.061 s late"),
+    ],
+)
+def test_a_group_is_told_by_its_members(name: str, others: tuple[str, ...], words: str) -> None:
+    assert group_sentence(Claim(name, {"delay": Quantity(0.061, 0.002, "s")}, others), Wording()).endswith(words)
+
+
+def test_values_of_the_records_stand_with_their_unit_or_name() -> None:
+    assert by_record_text(evidence_of()) == "0.058, 0.063, 0.060, 0.062 s"
+    assert by_record_text(evidence_of((0.61, 0.62), unit="1", parameter="scale")) == "scale 0.610, 0.620"
+    assert by_record_text(evidence_of((0.01, 0.02), unit="rad", parameter="limit")) == "0.6, 1.1 deg"
+    assert by_record_text(replace(evidence_of(), by_record=())) == ""
+    many = Evidence(0.7, 0.05, ({name: Quantity(1.0, 0.1, "1") for name in "abc"},) * 3, {})
+    assert by_record_text(many) == ""
+    assert "alike" not in evidence_sentences(Claim("lift-nonlinearity", {}, evidence=many))[0]
+    assert evidence_sentences(Claim("x", {})) == []
+
+
+def test_a_second_effect_is_measured_from_the_first() -> None:
+    (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=evidence_of()), which) for which in (0, 1))
+    assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what the effects before it leave")
+
+
+def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
+    text = diagnosis_text(partial_tracing())
+    assert text.isascii()
+    (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
+    assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
+    (members,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line]
+    assert members.split()[2:] == ["-17.0", "+-", "0.4", "-18.0", "+-", "0.4", "-19.0", "+-", "0.4"]
+    assert "the records give different values" in text
+
+
+def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
+    d = partial_tracing().diagnosis
+    better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="stands")
+    beside = replace(better, within=("sensor-lag:alpha",), held_out_change=-0.3)
+    rows = weighed_rows(replace(d, candidates=(beside, *d.candidates, better)))
+    assert [row[:3] for row in rows] == [
+        ("sensor-scale:q", "-20.0 %", "stands"),
+        ("sensor-scale:alpha", "+0.2 %", "the records give different values"),
+        ("sensor-lag:alpha + sensor-scale:q", "-30.0 %", "stands"),
+    ]
+    assert weighed_rows(tracing_of(Verdict.TRACED).diagnosis) == []
+
+
+def test_json_has_evidence_scatter_and_remarks() -> None:
+    content = json.loads(json_text(diagnosis_content(partial_tracing(), "")))
+    (effect,) = content["effects"]
+    evidence = effect["evidence"]
+    assert (evidence["error_left"], evidence["error_left_std"]) == (0.62, 0.05)
+    assert evidence["records"] == ["record_1.csv", "record_2.csv", "record_3.csv", "validate.csv"]
+    assert [each["time_constant"]["value"] for each in evidence["by_record"]] == list(LATE)
+    assert all(each["time_constant"]["std"] > 0 for each in evidence["by_record"])
+    assert set(evidence["derivatives"]) == {effect["name"], *effect["alternatives"]}
+    assert evidence["derivatives"]["vane-offset"]["Cm_q"] == {"value": -19.0, "std": 0.4, "unit": "1/rad"}
+    assert content["scatter"] == {"Cm_q": 0.83, "CL_q": 2.0}
+    assert content["candidates"][-1]["remark"] == "the records give different values"
+    plain = json.loads(json_text(diagnosis_content(tracing_of(Verdict.TRACED), "")))
+    assert plain["scatter"] == {} and "evidence" not in plain["effects"][0] and not any("remark" in c for c in plain["candidates"])
+
+
+def test_many_failed_tests_become_one_description_a_channel() -> None:
+    tracing = partial_tracing(coloured(4))
+    assert len(tracing.diagnosis.warnings) == 12
+    told = warnings_of(tracing)
+    assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
+    assert [line.partition(":")[0] for line in told[1:]] == ["left in the angle of attack", "left in the pitch rate", "left in the load factor"]
+    assert told[1:] and all("Hz" in line and "rms" in line for line in told[1:])
+    # Other warnings stay, and so do the tests themselves.
+    other = replace(tracing, diagnosis=replace(tracing.diagnosis, warnings=("look here", *tracing.diagnosis.warnings)))
+    assert warnings_of(other) == ["look here", *told]
+    assert len(diagnosis_content(tracing, "")["residual_tests"]["after"]) == 12
+
+
+def test_few_failed_tests_are_told_as_they_are() -> None:
+    tests = (*coloured(1)[:2], *coloured(2, 0.4))
+    tracing = partial_tracing(tests)
+    assert warnings_of(tracing) == list(tracing.diagnosis.warnings) and len(tracing.diagnosis.warnings) == 2
+
+
+def test_members_are_compared_only_where_there_are_some() -> None:
+    d: Diagnosis = partial_tracing().diagnosis
+    rows = member_derivatives(d.effects[0], d.after)
+    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4")]
+    alone = Claim("x", {}, evidence=evidence_of(LATE, "x"))
+    assert member_derivatives(alone, d.after) == [] == member_derivatives(Claim("x", {}), d.after)
+
+
+def test_residuals_beyond_all_measure_are_still_described() -> None:
+    tracing = partial_tracing(coloured(4))
+    item = tracing.diagnosis.fitted[0]
+    after = item.after.copy()
+    after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200
+    broken = replace(tracing, diagnosis=replace(tracing.diagnosis, fitted=(replace(item, after=after),)))
+    assert not any("nan" in line for line in warnings_of(broken))
