@@ -145,6 +145,12 @@ def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity
     return out
 
 
+def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
+    """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
+    ranges = getattr(effect, "plausible", {})
+    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
+
+
 def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
     """Whether parameters differ from the effect's absence by more than they are uncertain."""
     return _sigmas(effect, found) > 2.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, 
 from ident.tracing.expansion import quantities, records_of
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
-from ident.tracing.partial import Partial, stand_by_themselves
+from ident.tracing.partial import Partial, scatter_between, stand_by_themselves
 from ident.tracing.search import extended, grow, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
@@ -102,10 +103,12 @@ def diagnose(
         partial = stand_by_themselves(search, root, seen, kept)
         if partial is not None:
             search.evidence += partial.evidence
-            scatter = partial.scatter
             spikes = [effect for effect in effects if effect.name.startswith("sensor-spikes")]
             again = _judged_again(search, root, partial, spikes, seen, kept, out_before)
             verdict, best, out_after, effects, tests_after, warnings = again
+        if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
+            # Where what remains is not noise, records differ by more than any one of them can tell.
+            scatter = scatter_between(search, best, seen, kept)
     stage("held out")
     return _diagnosis(
         search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, scatter
@@ -181,7 +184,7 @@ def _diagnosis(
         verdict,
         tuple(effects),
         _derivatives(search, root),
-        _derivatives(search, best),
+        _derivatives(search, best, scatter),
         _derived(root),
         _derived(best),
         error_figures([p.before for p in predictions], shown, masks, channels),
@@ -213,12 +216,12 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
 
 
-def _derivatives(search: Search, node: Node) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with corrected sigmas."""
+def _derivatives(search: Search, node: Node, scatter: Mapping[str, float] = MappingProxyType({})) -> dict[str, Quantity]:
+    """Shared parameters of the declared model, with corrected sigmas; none below what the scatter between records leaves of a mean."""
     estimate = _estimate(node)
     declared = set(search.model.parameters.names)
     return {
-        name: Quantity(float(value), max(float(std), 1e-300), unit)
+        name: Quantity(float(value), max(float(std), scatter.get(name, 0.0) / np.sqrt(len(search.records)), 1e-300), unit)
         for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
         if name in declared
     }

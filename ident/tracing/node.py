@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,17 +104,18 @@ def fit_set(
     values: Values | None = None,
     added: Mapping[str, float] | None = None,
     levels: Mapping[str, float] | None = None,
-    apart: Sequence[Effect] = (),
+    apart: Collection[str] = (),
 ) -> Node | None:
     """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
 
-    ``levels`` of the noise, of a set with process noise, are a warm start for another such set. Effects in ``apart`` get parameters of
-    their own for each record even though all records share them.
+    ``levels`` of the noise, of a set with process noise, are a warm start for another such set. Of the parameters in ``apart`` each record
+    has its own although all of them would share it.
 
     None where the fit found no finite cost.
     """
     full, system = compiled_with(model, effects, outputs)
-    local = [name for effect in effects if belongs_to_record(effect) or effect in apart for name in free_names(effect)]
+    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+    local += [name for name in apart if name not in local]
     plain = lay_out(records, system, settings, local=local, masks=masks)
     start, guesses = plain.start, None
     if values is not None or added:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,21 +18,17 @@ from ident.tracing.standing import Standing, Stood, standing_effects
 from sim.record import Record
 
 ALTERNATIVES = 2
+FEWEST = 3  # records whose scatter says something
 
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """Effects that stand: the claims, the set fitted to the training records, what it does on held-out ones, and scatter between records.
-
-    ``scatter`` is the standard deviation of each declared parameter between fits of single records, as far as it exceeds
-    nothing: what a user would see who flew the maneuver again.
-    """
+    """Effects that stand: the claims, the set fitted to the training records, and what it does on held-out ones."""
 
     claims: tuple[Claim, ...]
     node: Node
     out: HeldOut
     evidence: tuple[Candidate, ...]
-    scatter: Mapping[str, float]
 
 
 def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> Partial | None:
@@ -52,16 +48,23 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
         search.steps.append(Step(item.best.node.names, item.best.node.criterion, item.best.node.fit.log_likelihood, _sentence(item)))
     claims = tuple(_claim(node, item) for item in stood)
     evidence = tuple(_candidate(item) for item in weighed)
-    return Partial(claims, node, held_out(node, validation, masks), evidence, scatter_between(flight, node))
+    return Partial(claims, node, held_out(node, validation, masks), evidence)
 
 
-def scatter_between(flight: Flight, node: Node) -> dict[str, float]:
-    """Standard deviation of the declared parameters between fits of single records; empty with fewer than two that succeed."""
-    alone = [flight.fit(node.effects, [r], None, node.values.shared) for r in range(len(flight.records))]
-    values = [each.values.shared for each in alone if each is not None]
-    if len(values) < 2:
+def scatter_between(search: Search, node: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> dict[str, float]:
+    """Standard deviation of the declared parameters between fits of single records: what a user would see who flew again.
+
+    Each record has its derivatives for itself and the effects of the set in common; empty with fewer than three records, whose scatter
+    would say little, and with random motion.
+    """
+    records, all_masks = (*search.records, *validation), (*search.masks, *(masks or ()))
+    if len(records) < FEWEST or len(records) != len(all_masks) or is_forced(node.system):
         return {}
-    return {name: float(np.std([v[name] for v in values], ddof=1)) for name in values[0] if name in flight.model.parameters}
+    flight = Flight(records, all_masks, search.model, tuple(search.outputs), search.settings)
+    shared = node.values.shared
+    names = [name for name in shared if name in search.model.parameters]
+    apart = flight.fit(node.effects, range(len(records)), None, shared, names)
+    return {} if apart is None else {name: float(np.std([own[name] for own in apart.values.own], ddof=1)) for name in names}
 
 
 def _starts(stood: Sequence[Stood]) -> dict[str, float]:

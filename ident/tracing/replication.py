@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +37,11 @@ class Flight:
         which: Sequence[int],
         start: Values | None,
         added: Mapping[str, float] | None = None,
-        apart: Sequence[Effect] = (),
+        apart: Collection[str] = (),
     ) -> Node | None:
         """Fit a set to some of the records, from the values of a fit of all of them or, for what is ``added``, from there.
 
-        Each record has its own parameters of the effects in ``apart``.
+        Of the parameters in ``apart`` each record has its own.
         """
         settings = FitSettings(max_step=2.0 * self.settings.max_step, iterations=20, tolerance=0.02, enough=0.1)
         values = None if start is None else Values(start.shared, tuple(start.own[r] for r in which), tuple(start.states[r] for r in which))
@@ -65,7 +65,7 @@ def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
     """
     everything, shared = range(len(flight.records)), joint.values.shared
     names = {full_name(effect, item.name) for item in effect.parameters if item.free}
-    node = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, (effect,))
+    node = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, names)
     if node is None:
         return Replication((), False)
     each = by_record(node, effect)

@@ -15,15 +15,15 @@ import numpy as np
 from ident.colour import effective_share
 from ident.fit import Fit
 from ident.tracing.acceptance import held_out
-from ident.tracing.expansion import COLLINEAR, same_sensor_twins
+from ident.tracing.expansion import COLLINEAR, implausible, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
 from ident.tracing.occasion import occasion_at
 from ident.tracing.reduction import Reduction, reduction
-from ident.tracing.replication import Flight, Replication, replicate
+from ident.tracing.replication import Flight, Replication, own_quantities, replicate
 from ident.tracing.screening import Finding, collinear, screen
 from sim.effect import Effect, NoiseEffect
 
-WORTH = 0.07  # least reduction of ln(error), a mean over the channels
+WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
 SURE = 2.0  # of its scatter
 WORSE = 0.05  # growth of ln(error) of one channel that is borne, beside twice its scatter
 MOST, GUARDS = 6, 3  # candidates and guards fitted in full
@@ -152,6 +152,8 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) 
         return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, "it does not lower the held-out error enough")
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
+    if stands and implausible(finding.effect, own_quantities(child, finding.effect)):
+        stands, why = False, "its parameters are beyond belief"
     return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why)
 
 
@@ -181,13 +183,19 @@ def _choose(results: Sequence[Standing]) -> Stood | None:
         return None
     lowest = min(standing, key=lambda item: item.reduction.total)
     guards = [item for item in results if guards_among([item.effect.name])]
-    if any(item.reduction.total < lowest.reduction.total - lowest.reduction.scatter for item in guards):
+    if any(_better_guard(item, lowest) for item in guards):
         return None
     equals = [item for item in standing if _as_good(item, lowest)]
     # Among equals the one with fewest parameters, then the best.
     best = min(equals, key=lambda item: (item.finding.parameters, item.reduction.total))
     others = sorted((item for item in equals if item is not best), key=lambda item: item.reduction.total)
     return Stood(best, tuple(others))
+
+
+def _better_guard(guard: Standing, best: Standing) -> bool:
+    """Whether a guard does better than the best by more than scatter, or as well with no more parameters."""
+    ahead = best.reduction.total - guard.reduction.total
+    return ahead > best.reduction.scatter or (ahead > -best.reduction.scatter and guard.finding.parameters <= best.finding.parameters)
 
 
 def _as_good(item: Standing, best: Standing) -> bool:

@@ -11,13 +11,14 @@ from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, doubted, held_out
 from ident.tracing.diagnosis import Claim, Step, Verdict
-from ident.tracing.expansion import same_sensor_twins
+from ident.tracing.expansion import implausible, quantities, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, free_names, guards_among
 from ident.tracing.scoring import is_white
 from ident.tracing.search import refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.standing_in import stand_ins
+from sim.effect import Effect
 from sim.record import Record
 from sim.tracing import Refinable
 
@@ -125,11 +126,18 @@ def judge(
         return Verdict.UNEXPLAINED, [f"what is missing behaves like {', '.join(guards)}, which is no effect of the library", *warnings]
     if warnings:
         return Verdict.UNEXPLAINED, warnings
+    odd = [f"{effect.name} with {', '.join(names)} beyond belief" for effect in best.effects if (names := _beyond_belief(best, effect))]
+    if odd:
+        return Verdict.UNEXPLAINED, [f"what fits best is {' and '.join(odd)}: the cause is another"]
     if best.effects and not _improved(search, root, best, before, after):
         return Verdict.UNEXPLAINED, ["the effects found do not lower the error on data that were not fitted"]
     if _ambiguous(search, best):
         return Verdict.AMBIGUOUS, warnings
     return Verdict.TRACED, warnings
+
+
+def _beyond_belief(node: Node, effect: Effect) -> list[str]:
+    return implausible(effect, quantities(node, effect))
 
 
 def not_noise(tests: Sequence[ResidualTest], least: float) -> list[str]:

@@ -333,7 +333,8 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_guards_stand_apart_from_the_library() -> None:
     names = {case.values[0].name for case in GUARDS}  # type: ignore[union-attr]
-    assert names == {f"guard:{label}" for label in ("alpha-control", "control-squared", "alpha-q", "lagged-loads", "periodic-loads", "drag-drift")}
+    products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
+    assert names == {f"guard:{label}" for label in (*products, *loads, "drag-drift")}
     assert names.isdisjoint(effect_names())
     modules = {path.stem for path in (ROOT / "sim" / "effects" / "guards").glob("*.py")} - {"__init__"}
     assert {type(case.values[0]).__module__.rpartition(".")[2] for case in GUARDS} == modules

@@ -181,7 +181,8 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
     found = {guard.name: guard for guard in guards_for(ShortPeriod())}
-    assert set(found) == {*(f"guard:{name}" for name in products), "guard:lagged-loads", "guard:periodic-loads"}
+    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
+    assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():
 
         def extra(t: float, a: float, q: float, u: float, z: np.ndarray, product: Any = product) -> tuple[float, float, tuple[()]]:
@@ -195,6 +196,18 @@ def test_guards_are_the_terms_that_they_name() -> None:
     def swinging(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
         return 0.02 * np.cos(5.0 * t) - 0.01 * np.sin(5.0 * t), 0.004 * np.cos(5.0 * t) + 0.003 * np.sin(5.0 * t), ()
 
+    def curved(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+        r = q * chord / (2.0 * V)
+        return 300.0 * r * abs(r), -800.0 * r * abs(r), ()
+
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], curved)
+    close(rigid(found["guard:damping-curve"], {"lift": 300.0, "moment": -800.0}), expected)
+
+    def drifting(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+        return 0.05 * t * a, t * (0.02 * a - 0.03 * u), ()
+
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], drifting)
+    close(rigid(found["guard:drifting-derivatives"], {"stability": 0.02, "control": -0.03, "slope": 0.05}), expected)
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], swinging)
     sizes = {"frequency": 5.0, "lift_cos": 0.02, "lift_sin": -0.01, "moment_cos": 0.004, "moment_sin": 0.003}
     close(rigid(found["guard:periodic-loads"], sizes), expected)

@@ -1,0 +1,121 @@
+"""Loads that no set of constant derivatives gives: damping that depends on its own size, derivatives that drift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.effect import Effect, Regularity, Signal, Station
+from sim.maths import absolute
+from sim.parameters import Parameter
+from sim.tracing import Occasion, Probe
+
+_NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
+
+
+@dataclass(frozen=True)
+class DampingCurve:
+    """lift += ``lift`` r |r|, moment += ``moment`` r |r|, r the signal ``rate`` of the equations.
+
+    Attributes
+    ----------
+    rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    """
+
+    rate: str
+    units: tuple[str, str]
+    sizes: tuple[float, float]
+    needs_constants: tuple[str, ...]
+
+    name: ClassVar[str] = "guard:damping-curve"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"lift": 0.0, "moment": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = False
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = (
+        f"A generic term: damping grows with the size of the pitch rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional. {_NO_CAUSE}"
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(name, size, unit) for name, size, unit in zip(("lift", "moment"), self.sizes, self.units, strict=True))
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        rate = getattr(s, self.rate)
+        curve = rate * absolute(rate)
+        return {"lift": p.lift * curve, "moment": p.moment * curve}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by both where there is none."""
+        return (Probe(self.absent, ("lift", "moment")),)
+
+
+@dataclass(frozen=True)
+class DriftingDerivatives:
+    """moment += (t - begin) (``stability`` alpha + ``control`` d), lift += (t - begin) ``slope`` alpha; d the control signal.
+
+    Attributes
+    ----------
+    begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes : of stability, control and slope.
+    needs_constants : those of the equations it is written for.
+    """
+
+    control_signal: str
+    units: tuple[str, str, str]
+    sizes: tuple[float, float, float]
+    needs_constants: tuple[str, ...]
+    begin: float = 0.0
+
+    name: ClassVar[str] = "guard:drifting-derivatives"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"stability": 0.0, "control": 0.0, "slope": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("speed-variation", "derivative-jump")
+    states: ClassVar[tuple[Signal, ...]] = ()
+    onset: ClassVar[str] = ""
+    per_record: ClassVar[bool] = True
+    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    explanation: ClassVar[str] = (
+        "A generic term: stability, control power and lift slope grow or shrink steadily with time, each at a rate of its own, as where fuel "
+        f"moves or ice grows. {_NO_CAUSE}"
+    )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        names = ("stability", "control", "slope")
+        return tuple(Parameter(name, size, unit) for name, size, unit in zip(names, self.sizes, self.units, strict=True))
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        since = s.time - self.begin
+        moment = p.stability * s.alpha_air + p.control * getattr(s, self.control_signal)
+        return {"moment": since * moment, "lift": since * p.slope * s.alpha_air}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+    def fitted_to(self, occasion: Occasion) -> Effect:
+        """The same with the declared derivatives at that record's begin."""
+        return replace(self, begin=occasion.begin)
+
+    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+        """Slopes by all where there is none."""
+        return (Probe(self.absent, tuple(self.absent)),)
+
+
+GUARDS: tuple[Effect, ...] = (
+    DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
+    DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
+    DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),
+    DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
+)
