@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from ident.tracing.diagnosis import Diagnosis
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
 from scenarios.candidates import candidates_for, read_effects
+from scenarios.diagnosis_kinematics import Kinematics, kinematics_of
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import hold_out
@@ -20,6 +21,7 @@ from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
 from sim.record import Record
 
+KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
 MODELS = ("ballistic", "rigid", "flexible", "loes")
 BESIDE = "vehicle.toml"
 
@@ -63,7 +65,8 @@ class Tracing:
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
     record was cut, None where records for validation were named. ``explanations`` by effect name; ``sentences`` likewise, for
-    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each.
+    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each. ``kinematics``: what they say
+    without any aerodynamics, None where it was not asked.
     """
 
     diagnosis: Diagnosis
@@ -76,6 +79,7 @@ class Tracing:
     explanations: dict[str, str] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    kinematics: Kinematics | None = None
 
     @property
     def stick_unit(self) -> str:
@@ -142,7 +146,16 @@ def diagnose_files(
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
         notes,
+        _kinematics(declared, diagnosis, [*fitted, *predicted]),
     )
+
+
+def _kinematics(declared: VehicleFile, diagnosis: Diagnosis, records: Sequence[Record]) -> Kinematics | None:
+    """The check of an aircraft's records, where a verdict needs evidence: a check costs as much as some candidates."""
+    if declared.model not in KINEMATIC or diagnosis.verdict is Verdict.CONSISTENT:
+        return None
+    constants = declared.constants
+    return kinematics_of(records, constants["airspeed"], constants.get("gravity"), constants.get("vane_arm", 0.0))
 
 
 def _loop() -> Trace:

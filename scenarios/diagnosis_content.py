@@ -14,6 +14,7 @@ from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
 from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_evidence import record_labels, warnings_of
+from scenarios.diagnosis_kinematics import kinematics_content
 from scenarios.diagnosis_text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.effect_wording import Wording, sentence
 
@@ -58,7 +59,8 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "inputs": _inputs(tracing),
         "versions": versions(),
     }
-    return content
+    kinematics = tracing.kinematics
+    return content | ({"compatibility": kinematics_content(kinematics, d.effects, wording)} if kinematics is not None else {})
 
 
 def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:

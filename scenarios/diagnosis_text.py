@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
+from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import Wording, displayed, group_sentence, parameter_text, sentence, value_text, with_sigma
 from scenarios.separating import separating_maneuvers
 
@@ -23,6 +24,7 @@ def diagnosis_text(tracing: Tracing) -> str:
     blocks = [
         [subject(tracing), f"{d.verdict.value.upper()}: {d.verdict.sentence}", *_wrapped(headline(tracing))],
         _effect_lines(tracing),
+        _kinematic_lines(tracing),
         table(
             ("error", "unit", "before", "after", "noise floor"), error_rows(d), left=2, title=f"simulation error (rms) on {where_predicted(tracing)}"
         ),
@@ -215,6 +217,11 @@ def _effect_lines(tracing: Tracing) -> list[str]:
     for line in verdict_advice(tracing):
         lines += _wrapped(line)
     return lines
+
+
+def _kinematic_lines(tracing: Tracing) -> list[str]:
+    some = tracing.kinematics
+    return [line for told in (kinematics_lines(some, tracing.diagnosis.effects, wording_of(tracing)) if some else []) for line in _wrapped(told)]
 
 
 def _untouched(tracing: Tracing) -> str:

@@ -12,6 +12,7 @@ import pytest
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.candidates import candidates_for, read_effects
 from scenarios.diagnosing import diagnose_files
+from scenarios.diagnosis_kinematics import Kinematics
 from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.vehicle_models import model_of_file
@@ -25,12 +26,26 @@ EXAMPLE = Path(__file__).parents[3] / "docs" / "how-to" / "own-effect.md"
 class Loop:
     """Stands in for the tracing loop and keeps what it was given."""
 
-    def __init__(self) -> None:
+    def __init__(self, verdict: Verdict = Verdict.TRACED) -> None:
         self.given: dict[str, Any] = {}
+        self.verdict = verdict
 
     def __call__(self, records: Sequence[Record], model, candidates, guards, validation, settings, progress) -> Diagnosis:
         self.given = {"records": records, "model": model, "candidates": candidates, "guards": guards, "validation": validation}
-        return diagnosis_of(Verdict.TRACED, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
+        return diagnosis_of(self.verdict, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
+
+
+@pytest.fixture(autouse=True)
+def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What the check of the kinematics was asked; it is not run here."""
+    asked: list[tuple[Any, ...]] = []
+
+    def check(records: Sequence[Record], *constants: Any) -> Kinematics:
+        asked.append((tuple(record.name for record in records), *constants))
+        return Kinematics((), None, "not run")
+
+    monkeypatch.setattr("scenarios.diagnosing.kinematics_of", check)
+    return asked
 
 
 @pytest.fixture
@@ -64,6 +79,14 @@ def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, P
     assert not names & {guard.name for guard in loop.given["guards"]}
     assert tracing.held_out_from is None and [file.name for file in tracing.inputs.validation] == ["validate.csv"]
     assert tracing.explanations["input-delay"]
+
+
+def test_kinematics_are_asked_of_all_records_where_a_verdict_needs_evidence(files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]]) -> None:
+    train, validate, vehicle = files
+    assert diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.CONSISTENT)).kinematics is None and not checked
+    told = diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
+    assert told.kinematics is not None and told.kinematics.why == "not run"
+    assert checked == [(("train.csv", "validate.csv"), RIGID.constants["airspeed"], None, 0.0)]
 
 
 def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:

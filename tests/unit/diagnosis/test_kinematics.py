@@ -1,0 +1,154 @@
+"""Kinematics beside a diagnosis: agreement by 3 sigmas, nothing claimed that they cannot tell, never a failure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.compatibility.result import CheckResult, Compatibility, SensorEstimate, SensorFinding
+from ident.compatibility.result import Quantity as Value
+from ident.tracing.diagnosis import Claim, Quantity, Verdict
+from scenarios.diagnosis_content import diagnosis_content
+from scenarios.diagnosis_kinematics import (
+    AGREES,
+    CONTRADICTS,
+    DIFFERS,
+    ENOUGH,
+    NOTHING,
+    Kinematics,
+    agreements,
+    kinematics_lines,
+    kinematics_of,
+    unnamed,
+)
+from scenarios.diagnosis_text import diagnosis_text
+from scenarios.effect_wording import Wording
+from scenarios.files.writing import json_text
+from scenarios.preparation.ports import SPEED as SPEED_INPUT
+from sim.record import Channel, Hold, Record
+from tests.diagnoses import measured_record, tracing_of
+from tests.oracles.flight_path import Sensors
+from tests.unit.compatibility.flights import SPEED, record
+
+LATE = Claim("sensor-delay:alpha", {"delay": Quantity(0.061, 0.002, "s")}, ("sensor-lag:alpha",))
+
+
+def checked(findings: Sequence[SensorFinding] = (), estimates: Sequence[SensorEstimate] = ()) -> Kinematics:
+    joint = CheckResult(("a.csv",), tuple(estimates), (), tuple(findings), {})
+    return Kinematics(("a.csv",), Compatibility(("alpha", "q", "nz"), {}, joint, (joint,), (), ("a scale leaves no trace",)))
+
+
+def finding(name: str, value: float, std: float, group: tuple[str, ...] = (), *, stands: bool = True, kind: str = "delay") -> SensorFinding:
+    return SensorFinding(name.partition(":")[2], kind, value, std, "s", 30.0, stands, group, name)
+
+
+def estimate(value: float, std: float, *, told: bool = True, difference: float = 0.0, kind: str = "delay") -> SensorEstimate:
+    name = f"sensor-{kind}:alpha"
+    return SensorEstimate(name, "alpha", kind, "s", Value(value, std), Value(value, std), difference, 1.0, 0.5, told)
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "says"),
+    [
+        (checked([finding("sensor-delay:alpha", 0.058, 0.004)]), AGREES),
+        (checked([finding("sensor-delay:alpha", 0.074, 0.004)]), AGREES),  # 2.9 sigmas
+        (checked([finding("sensor-delay:alpha", 0.076, 0.004)]), DIFFERS),  # 3.4 sigmas
+        (checked([finding("sensor-lag:alpha", 0.050, 0.004, kind="lag")]), AGREES),
+        (checked([finding("vane-offset", 9.0, 1.0, ("sensor-lag:alpha",), kind="arm")]), AGREES),
+        (checked([finding("sensor-delay:alpha", 0.058, 0.004, stands=False)]), NOTHING),
+        (checked([], [estimate(0.060, 0.005)]), AGREES),
+        (checked([], [estimate(0.001, 0.005)]), CONTRADICTS),
+        (checked([], [estimate(0.030, 0.020)]), NOTHING),
+        (checked([], [estimate(0.001, 0.005, told=False)]), NOTHING),
+        (checked([], [estimate(0.001, 0.005, difference=4.0)]), NOTHING),
+        (checked([], [estimate(0.001, 0.005, kind="lag")]), NOTHING),
+        (checked(), NOTHING),
+    ],
+)
+def test_a_late_channel_against_the_kinematics(kinematics: Kinematics, says: str) -> None:
+    (found,) = agreements(kinematics, [LATE])
+    assert (found.effect, found.says) == ("sensor-delay:alpha", says)
+    assert found.sentence.startswith("kinematics alone say") and {AGREES: "agrees", CONTRADICTS: "contradicts"}.get(says, "") in found.sentence
+
+
+def test_a_scale_is_absent_at_one() -> None:
+    claim = Claim("sensor-scale:alpha", {"scale": Quantity(1.10, 0.02, "1")})
+    for value, says in ((1.0, CONTRADICTS), (1.09, AGREES)):
+        assert agreements(checked([], [estimate(value, 0.01, kind="scale")]), [claim])[0].says == says
+    assert agreements(checked([], [estimate(1.03, 0.05, kind="scale")]), [claim])[0].says == NOTHING
+
+
+def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
+    kinematics = checked(
+        [finding("sensor-delay:q", 0.04, 0.004, ("sensor-lag:q",)), finding("sensor-lag:q", 0.04, 0.004, ("sensor-delay:q",), kind="lag")]
+    )
+    claims = [Claim("input-delay", {"delay": Quantity(0.06, 0.01, "s")}), Claim("gust-turbulence", {})]
+    assert agreements(kinematics, claims) == []
+    assert [each.name for each in unnamed(kinematics, claims)] == ["sensor-delay:q"]
+    lines = kinematics_lines(kinematics, claims, Wording())
+    assert lines == [
+        "kinematics alone say: the pitch rate is read 0.040 s late (delay or lag: these records cannot tell), 0.040 +- 0.004 s; "
+        "the diagnosis does not name it"
+    ]
+    assert kinematics_lines(checked(), [], Wording())[0] == "kinematics alone find no fault of a sensor, and the diagnosis names none"
+
+
+def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
+    kinematics = kinematics_of([record(sensors=Sensors(delay={"alpha": 0.06}), seed=1)], SPEED)
+    (found,) = agreements(kinematics, [LATE])
+    assert found.says == AGREES and found.found is not None
+    assert found.found.value == pytest.approx(0.06, abs=3.0 * found.found.std + 0.005)
+    (other,) = agreements(kinematics, [replace(LATE, parameters={"delay": Quantity(0.2, 0.002, "s")})])
+    assert other.says in (DIFFERS, CONTRADICTS)
+
+
+@pytest.mark.parametrize(
+    "records",
+    [
+        (),
+        (measured_record(("alpha", "q")),),
+        (measured_record(count=14),),
+        (replace(measured_record(), outputs=tuple(replace(c, values=np.where(c.valid, 1e9, 0.0)) for c in measured_record().outputs)),),
+        (replace(measured_record(), outputs=tuple(Channel.of(c.name, c.unit, np.zeros(len(c.values))) for c in measured_record().outputs)),),
+    ],
+)
+def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record, ...]) -> None:
+    kinematics = kinematics_of(records, 130.0)
+    lines = kinematics_lines(kinematics, [LATE], Wording())
+    assert lines and all("\n" not in line for line in lines)
+    if kinematics.result is None:
+        assert lines == [kinematics.why] and agreements(kinematics, [LATE]) == []
+
+
+def test_so_many_records_are_checked_as_are_affordable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ident.compatibility.check.compatibility", lambda records, settings: checked().result)
+    many = [replace(measured_record(count=ENOUGH // 2), name=f"{n}.csv") for n in range(4)]
+    assert kinematics_of([measured_record(("alpha", "q")), *many], 130.0).records == ("0.csv", "1.csv")
+
+
+def test_a_measured_speed_that_became_an_input_is_a_channel_again() -> None:
+    measured = measured_record()
+    speed = Channel.of(SPEED_INPUT, "m/s", np.linspace(0.0, 4.0, len(measured)))
+    kinematics = kinematics_of([replace(measured, inputs=(*measured.inputs, speed), hold=Hold.LINEAR)], 130.0)
+    assert kinematics.result is not None and "airspeed" in kinematics.result.channels
+
+
+def test_study_has_it_in_its_file_and_on_the_terminal() -> None:
+    kinematics = checked([finding("sensor-delay:alpha", 0.058, 0.004, ("sensor-lag:alpha",))])
+    tracing = tracing_of(Verdict.PARTIAL)
+    told = replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(LATE,)), kinematics=kinematics)
+    content = json.loads(json_text(diagnosis_content(told, "")))["compatibility"]
+    assert content["checked"] is True and content["records"] == ["a.csv"]
+    (found,) = content["findings"]
+    assert (found["name"], found["alternatives"]) == ("sensor-delay:alpha", ["sensor-lag:alpha"])
+    assert found["parameters"] == {"delay": {"value": 0.058, "std": 0.004, "unit": "s"}}
+    (agreement,) = content["agreement"]
+    assert (agreement["effect"], agreement["says"]) == ("sensor-delay:alpha", "agrees")
+    assert "agrees with the diagnosis" in " ".join(diagnosis_text(told).split())
+    unchecked = replace(told, kinematics=Kinematics((), None, "nothing to check"))
+    assert diagnosis_content(unchecked, "")["compatibility"] == {"records": [], "checked": False, "sentences": ["nothing to check"]}
+    assert "compatibility" not in diagnosis_content(tracing, "")
