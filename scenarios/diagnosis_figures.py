@@ -15,12 +15,23 @@ if TYPE_CHECKING:
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
+    "replication": "Parameters of the effects from each record by itself and from the fitted records together",
     "held_out": "Measured against predicted on data that were not fitted, and what each prediction leaves",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": "What each candidate would bring",
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Replicated:
+    """An effect's parameters from each of ``records`` by itself, and from the fitted ones ``together``."""
+
+    name: str
+    records: tuple[str, ...]
+    by_record: tuple[Mapping[str, Quantity], ...]
+    together: Mapping[str, Quantity]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +46,7 @@ class Pictured:
     noise: Mapping[str, float]
     claimed: tuple[str, ...]
     held_out: bool
+    replicated: tuple[Replicated, ...] = ()
 
 
 def draw_diagnosis(pictured: Pictured, folder: Path, part: slice = slice(None)) -> None:
@@ -62,6 +74,10 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
         out.append(("evidence", partial(figure_evidence, pictured.candidates, pictured.claimed, "Evidence")))
     if pictured.before:
         out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
+    if pictured.replicated:
+        from scenarios.plots.replication import figure_replication
+
+        out.append(("replication", partial(figure_replication, pictured.replicated, "Parameters by record")))
     return out
 
 

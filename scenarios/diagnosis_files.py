@@ -14,7 +14,8 @@ import numpy as np
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction
 from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_content import LARGEST, bounded, diagnosis_content
-from scenarios.diagnosis_figures import Pictured, numbered
+from scenarios.diagnosis_evidence import record_labels
+from scenarios.diagnosis_figures import Pictured, Replicated, numbered
 from scenarios.figure_process import Process, drawing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
@@ -50,7 +51,13 @@ def pictured(tracing: Tracing) -> Pictured:
     d = tracing.diagnosis
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
     claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, d.held_out)
+    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, d.held_out, _replicated(tracing))
+
+
+def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
+    labels = tuple(record_labels(tracing))
+    proven = [(claim, claim.evidence.by_record) for claim in tracing.diagnosis.effects if claim.evidence is not None]
+    return tuple(Replicated(claim.name, labels[: len(each)], each, claim.parameters) for claim, each in proven if each and each[0])
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:

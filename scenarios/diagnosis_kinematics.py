@@ -98,9 +98,10 @@ def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: W
 
 
 def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
-    """One finding in the words of its effect, with its group and sigma."""
+    """One finding: name, value and sigma, and what that is in the words of its effect and group."""
     quantity = Quantity(finding.value, finding.std, finding.unit)
-    return f"{group_sentence(Claim(finding.name, {PARAMETERS[finding.kind]: quantity}, finding.group), wording)}, {with_sigma(quantity)}"
+    words = group_sentence(Claim(finding.name, {PARAMETERS[finding.kind]: quantity}, finding.group), wording)
+    return f"{finding.name} {with_sigma(quantity)}, {words}"
 
 
 def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> dict[str, Any]:

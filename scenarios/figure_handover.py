@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis_figures import Pictured
+from scenarios.diagnosis_figures import Pictured, Replicated
 from sim.record import Channel, Hold, Record
 
 
@@ -39,6 +39,7 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
         "noise": dict(pictured.noise),
         "claimed": pictured.claimed,
         "held_out": pictured.held_out,
+        "replicated": [[r.name, r.records, [_quantities(each) for each in r.by_record], _quantities(r.together)] for r in pictured.replicated],
     }
     stream = io.BytesIO()
     stream.write(json.dumps(head).encode() + b"\n")
@@ -65,14 +66,22 @@ def unpacked(content: bytes) -> tuple[Pictured, Path]:
         tuple(FittedRecord(record(r), tuple(names), arrays[b], arrays[a], arrays[u]) for r, names, b, a, u in head["fitted"]),
         tuple(Prediction(record(r), tuple(names), arrays[b], arrays[a]) for r, names, b, a in head["predictions"]),
         tuple(Candidate(n, tuple(within), name, gain, p, fit, fair, {}) for n, within, name, gain, p, fit, fair in head["candidates"]),
-        {name: Quantity(*parts) for name, parts in head["before"].items()},
-        {name: Quantity(*parts) for name, parts in head["after"].items()},
+        _read_quantities(head["before"]),
+        _read_quantities(head["after"]),
         head["noise"],
         tuple(head["claimed"]),
         head["held_out"],
+        tuple(
+            Replicated(name, tuple(records), tuple(_read_quantities(each) for each in by_record), _read_quantities(together))
+            for name, records, by_record, together in head["replicated"]
+        ),
     )
     return pictured, Path(head["folder"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:
     return {name: [q.value, q.std, q.unit] for name, q in some.items()}
+
+
+def _read_quantities(some: Mapping[str, list[Any]]) -> dict[str, Quantity]:
+    return {name: Quantity(*parts) for name, parts in some.items()}

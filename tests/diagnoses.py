@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ident.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, FittedRecord, Prediction, Quantity, Step, Verdict
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, FittedRecord, Prediction, Quantity, Step, Verdict
+from ident.tracing.verdict import not_noise
 from scenarios.diagnosing import InputFile, Inputs, Tracing
 from scenarios.files.vehicles import VehicleFile
 from scenarios.vehicle_models import model_of_file
@@ -73,6 +75,36 @@ def tracing_of(
         tuple(InputFile(r.name, "0" * 64) for r in records), tuple(InputFile(r.name, "1" * 64) for r in validation), InputFile("v.toml", "2" * 64)
     )
     return Tracing(diagnosis_of(verdict, vehicle, records, validation), vehicle, model, records, validation, inputs)
+
+
+LATE = (0.058, 0.063, 0.060, 0.062)
+
+
+def evidence_of(values: tuple[float, ...] = LATE, *names: str, unit: str = "s", parameter: str = "time_constant") -> Evidence:
+    members = names or ("sensor-lag:alpha", "sensor-delay:alpha", "vane-offset")
+    derivatives = {name: {"Cm_q": Quantity(-17.0 - i, 0.4, "1/rad")} for i, name in enumerate(members)}
+    return Evidence(0.62, 0.05, tuple({parameter: Quantity(value, 0.004, unit)} for value in values), derivatives)
+
+
+def proven_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
+    """A late angle of attack that stands, three records fitted and one held out."""
+    tracing = tracing_of(Verdict.PARTIAL)
+    claim = Claim("sensor-lag:alpha", {"time_constant": Quantity(0.061, 0.002, "s")}, ("sensor-delay:alpha", "vane-offset"), evidence=evidence_of())
+    d = tracing.diagnosis
+    moved = {**d.before, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}, {**d.before, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
+    weighed = replace(d.candidates[2], gain=2.0, remark="the records give different values")
+    told = replace(
+        d,
+        effects=(claim,),
+        before=moved[0],
+        after=moved[1],
+        scatter={"Cm_q": 0.83, "CL_q": 2.0},
+        candidates=(*d.candidates, weighed),
+        tests_after=tests or d.tests_after,
+        warnings=tuple(not_noise(tests, 1e-4)),
+    )
+    three = tuple(replace(tracing.records[0], name=f"record_{number}.csv") for number in (1, 2, 3))
+    return replace(tracing, diagnosis=told, records=three)
 
 
 def diagnosis_of(verdict: Verdict, vehicle: VehicleFile, records: tuple[Record, ...], validation: tuple[Record, ...]) -> Diagnosis:

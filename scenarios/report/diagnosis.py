@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios import diagnosis_text as text
 from scenarios.diagnosing import Tracing
-from scenarios.diagnosis_figures import figure_stems
+from scenarios.diagnosis_evidence import evidence_sentences, member_tables
+from scenarios.diagnosis_figures import CAPTIONS, figure_stems
+from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import parameter_text
 
 if TYPE_CHECKING:
@@ -53,10 +55,17 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         warnings=warnings,
         where=text.where_predicted(tracing),
         errors=text.error_rows(d),
-        derivatives=text.derivative_rows(d.before, d.after),
+        kinematics=_kinematics(tracing),
+        replicated=[_replicated(claim, i) for i, claim in enumerate(claim for claim in d.effects if claim.evidence is not None)],
+        replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
+        weighed=text.weighed_rows(d),
+        headings=text.derivative_headings(d)[2:],
+        members=member_tables(d),
+        scatter=bool(d.scatter),
+        derivatives=text.derivative_rows(d.before, d.after, d.scatter),
         derived=text.derivative_rows(*text.derived_of(d)),
         moved_title=_capital(text.moved_title(d)),
-        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures)],
+        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures) if stem != "replication"],
         steps=[step.sentence for step in d.steps],
         candidates=text.candidate_rows(d, len(d.candidates)),
         tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
@@ -77,6 +86,20 @@ def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
         "alternatives": claim.alternatives,
         "explanation": claim.explanation or tracing.explanations.get(claim.name, ""),
     }
+
+
+def _replicated(claim: Claim, which: int) -> dict[str, Any]:
+    told = " ".join(evidence_sentences(claim, which))
+    return {"name": claim.name, "told": _capital(told)}
+
+
+def _kinematics(tracing: Tracing) -> dict[str, Any] | None:
+    some = tracing.kinematics
+    if some is None:
+        return None
+    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
+    limits = list(some.result.cannot_tell) if some.result is not None else []
+    return {"records": ", ".join(some.records), "lines": [_capital(line) for line in lines], "limits": limits}
 
 
 def _figure(path: Path, caption: str) -> dict[str, str]:

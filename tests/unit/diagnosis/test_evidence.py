@@ -10,43 +10,12 @@ import pytest
 
 from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
-from ident.tracing.verdict import not_noise
-from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_content import diagnosis_content
 from scenarios.diagnosis_evidence import by_record_text, evidence_sentences, member_derivatives, warnings_of
 from scenarios.diagnosis_text import diagnosis_text, headline, weighed_rows
 from scenarios.effect_wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from tests.diagnoses import tracing_of
-
-LATE = (0.058, 0.063, 0.060, 0.062)
-
-
-def evidence_of(values: tuple[float, ...] = LATE, *names: str, unit: str = "s", parameter: str = "time_constant") -> Evidence:
-    members = names or ("sensor-lag:alpha", "sensor-delay:alpha", "vane-offset")
-    derivatives = {name: {"Cm_q": Quantity(-17.0 - i, 0.4, "1/rad")} for i, name in enumerate(members)}
-    return Evidence(0.62, 0.05, tuple({parameter: Quantity(value, 0.004, unit)} for value in values), derivatives)
-
-
-def partial_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
-    """A late angle of attack that stands, three records fitted and one held out."""
-    tracing = tracing_of(Verdict.PARTIAL)
-    claim = Claim("sensor-lag:alpha", {"time_constant": Quantity(0.061, 0.002, "s")}, ("sensor-delay:alpha", "vane-offset"), evidence=evidence_of())
-    d = tracing.diagnosis
-    moved = {**d.before, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}, {**d.before, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
-    weighed = replace(d.candidates[2], gain=2.0, remark="the records give different values")
-    told = replace(
-        d,
-        effects=(claim,),
-        before=moved[0],
-        after=moved[1],
-        scatter={"Cm_q": 0.83, "CL_q": 2.0},
-        candidates=(*d.candidates, weighed),
-        tests_after=tests or d.tests_after,
-        warnings=tuple(not_noise(tests, 1e-4)),
-    )
-    three = tuple(replace(tracing.records[0], name=f"record_{number}.csv") for number in (1, 2, 3))
-    return replace(tracing, diagnosis=told, records=three)
+from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
 
 
 def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
@@ -58,7 +27,7 @@ def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
 
 
 def test_headline_says_what_where_how_sure_and_what_follows() -> None:
-    assert headline(partial_tracing()) == (
+    assert headline(proven_tracing()) == (
         "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot tell); it comes out alike from each of 4 records "
         "(0.058, 0.063, 0.060, 0.062 s) and cuts the error on records that were not fitted to 0.62 +- 0.05 of what it was; "
         "Cm_q was -24.1 +- 0.9, is -17.2 +- 0.4 (run-to-run scatter 0.83); what remains is not noise"
@@ -100,7 +69,7 @@ def test_a_second_effect_is_measured_from_the_first() -> None:
 
 
 def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
-    text = diagnosis_text(partial_tracing())
+    text = diagnosis_text(proven_tracing())
     assert text.isascii()
     (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
     assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
@@ -110,7 +79,7 @@ def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
 
 
 def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
-    d = partial_tracing().diagnosis
+    d = proven_tracing().diagnosis
     better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="stands")
     beside = replace(better, within=("sensor-lag:alpha",), held_out_change=-0.3)
     rows = weighed_rows(replace(d, candidates=(beside, *d.candidates, better)))
@@ -123,7 +92,7 @@ def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
 
 
 def test_json_has_evidence_scatter_and_remarks() -> None:
-    content = json.loads(json_text(diagnosis_content(partial_tracing(), "")))
+    content = json.loads(json_text(diagnosis_content(proven_tracing(), "")))
     (effect,) = content["effects"]
     evidence = effect["evidence"]
     assert (evidence["error_left"], evidence["error_left_std"]) == (0.62, 0.05)
@@ -139,7 +108,7 @@ def test_json_has_evidence_scatter_and_remarks() -> None:
 
 
 def test_many_failed_tests_become_one_description_a_channel() -> None:
-    tracing = partial_tracing(coloured(4))
+    tracing = proven_tracing(coloured(4))
     assert len(tracing.diagnosis.warnings) == 12
     told = warnings_of(tracing)
     assert told[0] == "12 of 12 tests for whiteness fail in alpha, q, nz"
@@ -153,12 +122,12 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
 
 def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
-    tracing = partial_tracing(tests)
+    tracing = proven_tracing(tests)
     assert warnings_of(tracing) == list(tracing.diagnosis.warnings) and len(tracing.diagnosis.warnings) == 2
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:
-    d: Diagnosis = partial_tracing().diagnosis
+    d: Diagnosis = proven_tracing().diagnosis
     rows = member_derivatives(d.effects[0], d.after)
     assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4")]
     alone = Claim("x", {}, evidence=evidence_of(LATE, "x"))
@@ -166,7 +135,7 @@ def test_members_are_compared_only_where_there_are_some() -> None:
 
 
 def test_residuals_beyond_all_measure_are_still_described() -> None:
-    tracing = partial_tracing(coloured(4))
+    tracing = proven_tracing(coloured(4))
     item = tracing.diagnosis.fitted[0]
     after = item.after.copy()
     after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200

@@ -19,7 +19,7 @@ from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis_files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
 from scenarios.figure_handover import packed, unpacked
 from scenarios.figure_process import draw_together, drawing, figure_process
-from tests.diagnoses import BALLISTIC, LOES, tracing_of
+from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
 
@@ -164,3 +164,15 @@ def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
     for a, b in zip(again.fitted, picture.fitted, strict=True):
         assert np.array_equal(a.before, b.before) and np.array_equal(a.used, b.used) and a.channels == b.channels
         assert np.array_equal(a.record.output_array()[0], b.record.output_array()[0]) and a.record.name == b.record.name
+
+
+def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_path: Path) -> None:
+    picture = pictured(proven_tracing())
+    (shown,) = picture.replicated
+    assert shown.name == "sensor-lag:alpha" and shown.records == ("record_1.csv", "record_2.csv", "record_3.csv", "validate.csv")
+    assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060, 0.062]
+    (again,) = unpacked(packed(picture, tmp_path))[0].replicated
+    assert (again.name, again.records, again.by_record, again.together) == (shown.name, shown.records, shown.by_record, shown.together)
+    draw_together(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path)
+    assert {entry.name for entry in tmp_path.iterdir()} == {"replication.png"}
+    assert pictured(tracing_of(Verdict.PARTIAL)).replicated == ()

@@ -91,7 +91,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     assert [each.name for each in unnamed(kinematics, claims)] == ["sensor-delay:q"]
     lines = kinematics_lines(kinematics, claims, Wording())
     assert lines == [
-        "kinematics alone say: the pitch rate is read 0.040 s late (delay or lag: these records cannot tell), 0.040 +- 0.004 s; "
+        "kinematics alone say: sensor-delay:q 0.040 +- 0.004 s, the pitch rate is read 0.040 s late (delay or lag: these records cannot tell); "
         "the diagnosis does not name it"
     ]
     assert kinematics_lines(checked(), [], Wording())[0] == "kinematics alone find no fault of a sensor, and the diagnosis names none"

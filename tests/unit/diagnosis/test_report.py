@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from ident.tracing.diagnosis import Verdict
+from scenarios.diagnosis_kinematics import Kinematics
 from scenarios.report.diagnosis import diagnosis_page
-from tests.diagnoses import RIGID, tracing_of
+from tests.diagnoses import RIGID, proven_tracing, tracing_of
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -82,3 +83,24 @@ def test_names_from_files_are_text_and_no_markup(tmp_path: Path) -> None:
     assert "script" not in page.tags and "b" not in page.tags
     assert hostile.name in page.text
     assert "<script" not in text
+
+
+def test_page_of_a_partial_verdict_shows_what_replicates_and_what_was_weighed(tmp_path: Path) -> None:
+    pixel = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg==")
+    (tmp_path / "replication.png").write_bytes(pixel)
+    tracing = replace(proven_tracing(), kinematics=Kinematics((), None, "no record measures <alpha> and q together"))
+    text = diagnosis_page(tracing, [], tmp_path)
+    page = Page(text)
+    words = " ".join(page.text.split())
+    assert "Replication sensor-lag:alpha: It comes out alike from each of 4 records (0.058, 0.063, 0.060, 0.062 s)" in words
+    assert "run-to-run" in words and "0.83" in words and "Under each member of the group" in words
+    assert "the records give different values" in words
+    assert "Kinematics alone No record measures <alpha> and q together." in words
+    # The figure stands in its section, once.
+    assert len(page.sources) == 1 and text.index('id="replication"') < text.index("Simulation error on")
+    assert "+-" not in words
+
+
+def test_page_of_another_verdict_has_no_word_of_replication(tmp_path: Path) -> None:
+    _, page = page_of(Verdict.TRACED, tmp_path)
+    assert "Replication" not in page.text and "run-to-run" not in page.text and "Kinematics" not in page.text

@@ -10,8 +10,10 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import FittedRecord, Quantity, Verdict
+from scenarios.diagnosis_figures import Replicated
 from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra, spectrum
 from scenarios.plots.files import figure_png
+from scenarios.plots.replication import figure_replication
 from scenarios.plots.style import BLUE
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
 
@@ -96,6 +98,35 @@ def test_spectrum_of_a_sine_peaks_at_its_frequency() -> None:
     time = 0.02 * np.arange(1000)
     hertz, power = spectrum(np.sin(2.0 * np.pi * 3.0 * time), 0.02, 1000)
     assert hertz[np.argmax(power)] == pytest.approx(3.0, abs=0.15)
+
+
+def test_replication_shows_each_record_against_all_together() -> None:
+    late = tuple({"time_constant": Quantity(value, 0.004, "s")} for value in (0.058, 0.063, 0.060))
+    stop = tuple({"limit": Quantity(np.radians(value), np.radians(0.05), "rad")} for value in (0.6, 0.7, 0.65))
+    names = ("a.csv", "b.csv", "c.csv, from 7 s")
+    effects = [
+        Replicated("sensor-lag:alpha", names, late, {"time_constant": Quantity(0.061, 0.002, "s")}),
+        Replicated("actuator-saturation", names, stop, {"limit": Quantity(np.radians(0.65), np.radians(0.02), "rad")}),
+    ]
+    figure = figure_replication(effects)
+    first, second = figure.axes
+    for panel, values in ((first, [0.058, 0.063, 0.060]), (second, [0.6, 0.7, 0.65])):
+        (points,) = [line for line in panel.lines if line.get_marker() == "o"]
+        assert np.asarray(points.get_ydata()) == pytest.approx(values)
+        assert np.asarray(points.get_xdata()) == pytest.approx([0, 1, 2])
+        assert panel.get_xlim() == (-0.5, 2.5)
+    (band,) = [patch for patch in second.patches if isinstance(patch, Rectangle)]
+    assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((0.61, 0.69))
+    assert [panel.get_title(loc="left") for panel in figure.axes] == ["sensor-lag:alpha", "actuator-saturation"]
+    assert "deg" in second.get_ylabel() and figure_png(figure).startswith(b"\x89PNG")
+
+
+def test_replication_stands_records_without_the_parameter_and_sigmas_that_say_nothing() -> None:
+    by_record: tuple[dict[str, Quantity], ...] = ({"delay": Quantity(0.06, np.inf, "s")}, {}, {"delay": Quantity(0.05, 1e300, "s")})
+    (panel,) = figure_replication([Replicated("input-delay", ("a", "b", "c"), by_record, {})]).axes
+    (points,) = [line for line in panel.lines if line.get_marker() == "o"]
+    assert np.asarray(points.get_xdata()) == pytest.approx([0, 2])
+    assert np.all(np.isfinite(panel.get_ylim()))
 
 
 def test_figures_of_a_fall_and_of_runaway_predictions_can_be_drawn() -> None:
