@@ -15,6 +15,7 @@ from sim.record import Hold, Record
 from sim.system import compile_model
 
 BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
+AGAINST = 2.0  # the same of one record, beyond which it contradicts
 SETTINGS = FitSettings(max_step=0.02, iterations=20, enough=0.5, coloured=False)
 LARGEST = 3000  # samples that the comparison looks at
 UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer held it
@@ -22,16 +23,24 @@ Reading = tuple[Model, list[Record]]
 
 
 def better_by(first: Reading, second: Reading, outputs: Sequence[str]) -> float:
-    """Twice the log likelihood by which the second reading fits better than the first, in effective samples; zero where one cannot be fitted."""
+    """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
+
+    Zero where one cannot be fitted, and where a record by itself speaks against the sum of all: an effect that the model lacks may
+    favour the wrong reading in one maneuver, a right one is right in all.
+    """
     old, new = _fit(first, outputs), _fit(second, outputs)
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
-    total = 0.0
+    total = np.zeros(len(old.layout.problems))
     for i in range(len(old.variance)):
         known = [problem.valid[i : i + 1] for problem in old.layout.problems]
         share = min(effective_share([r[i : i + 1] for r in fit.residuals], known) for fit in (old, new))
-        total += share * sum(np.count_nonzero(each) for each in known) * float(np.log(old.variance[i] / new.variance[i]))
-    return total
+        for k, valid in enumerate(known):
+            (before, after), count = (float(np.sum(fit.residuals[k][i, valid[0]] ** 2)) for fit in (old, new)), int(np.count_nonzero(valid))
+            if count and before > 0.0 and after > 0.0:
+                total[k] += share * count * np.log(before / after)
+    found = float(np.sum(total))
+    return 0.0 if np.min(total * np.sign(found)) < -AGAINST else found
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:

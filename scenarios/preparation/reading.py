@@ -17,6 +17,7 @@ from scenarios.preparing import about_trim
 from sim.model import Model
 from sim.record import Hold, Record
 
+Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -65,22 +66,29 @@ def prepare(
     parts = [(path, segment) for path in paths for segment in plan.segments] + [(path, WHOLE[0]) for path in validate]
     optional = able(model) if flow else ()
     read = [_read(path, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (path, segment) in enumerate(parts)]
-    fitted, known = [record for record, _ in read[:split]], all(said for _, said in read)
-    hold, weight, notes = _readings([with_load_factor(record)[0] for record in fitted], model, plan, known=known)
+    return for_model(read[:split], model, plan, read[split:])
+
+
+def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = ()) -> Prepared:
+    """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
+    plan, split = plan or Plan(), len(fitted)
+    read = [*fitted, *validation]
+    first, known = [with_load_factor(record)[0] for record, _ in fitted], all(stated for _, stated in read)
+    hold, weight, notes = _readings(first, model, plan, known=known)
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
         one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan)
         records.append(one)
         told += sentences
-    fitted = records[:split]
     trimmed = [about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
         told += [f"{record.name}: trim of {name} taken off, {value:.4g} {units[name]}" for name, value in trims.items()]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
-    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(fitted), (*told, *notes))
+    told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []
+    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*told, *notes))
 
 
 def named(path: Path, segment: Segment, *, several: bool) -> str:
@@ -88,9 +96,7 @@ def named(path: Path, segment: Segment, *, several: bool) -> str:
     return f"{path.name}[{segment.start:g}-{segment.stop:g} s]" if several else path.name
 
 
-def _read(
-    path: Path, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None
-) -> tuple[Record, bool]:
+def _read(path: Path, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None) -> Read:
     """A part of a file, and whether a sidecar says how its inputs are to be read."""
     from scenarios.files.records import read_record
     from scenarios.files.sidecar import read_sidecar
@@ -127,9 +133,8 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in fitted)]
     gain = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs)
     if gain < BETTER:
-        return True, ["the lift that carries the weight follows the measured pressure; speed-variation is no candidate"]
-    said = f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {gain:.1f})"
-    return False, [f"{said}; speed-variation is no candidate"]
+        return True, ["the lift that carries the weight follows the measured pressure"]
+    return False, [f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {gain:.1f})"]
 
 
 def _varies(flow: Flow) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scenarios.preparation.airspeed import with_flow
 from scenarios.standin.drawing import Drawn
 from scenarios.standin.fitting import declared_model, estimated, fitted
 from scenarios.standin.flying import fly_drawn
@@ -47,10 +48,11 @@ def pseudo_true(
     added = [item for item in (_effect(drawn, name, values) for name, values in effects.items()) if item is not None]
     nominal = {name: drawn.declared.parameters[name].value for name in drawn.starts}
     model = declared_model(drawn.declared, nominal, added)
-    estimates = [
-        estimated(fitted([flown.record for flown in fly_drawn(drawn, generator, noise=False, count=count)], model))
-        for generator in rng.spawn(max(2, draws))
-    ]
+    estimates = []
+    for generator in rng.spawn(max(2, draws)):
+        # A speed that is recorded is used here as it is in a diagnosis.
+        wider, records = with_flow(model, [flown.record for flown in fly_drawn(drawn, generator, noise=False, count=count)])
+        estimates.append(estimated(fitted(records, wider)))
     values, weights = [e.values for e in estimates], [np.linalg.inv(e.covariance) for e in estimates]
     joined = np.linalg.solve(np.sum(weights, axis=0), np.sum([w @ v for w, v in zip(weights, values, strict=True)], axis=0))
     std = np.std(values, axis=0, ddof=1) / np.sqrt(len(values))
