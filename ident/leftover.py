@@ -19,7 +19,9 @@ LARGEST = 1e30  # what a residual that has run away counts as: its square is fin
 
 @dataclass(frozen=True)
 class Company:
-    """What a residual goes with: a signal's ``name``, its ``form`` (``"itself"``, ``"rate"`` or ``"square"``), the correlation.
+    """What a residual goes with: a signal's ``name``, its ``form``, the correlation.
+
+    ``form``: ``"itself"``, ``"rate"``, ``"square"``, or ``"product"`` with the record's first input.
 
     ``later``: by how many s the residual is behind it.
     """
@@ -55,7 +57,8 @@ class Leftover:
 def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it were used.
 
-    It is compared with inputs and simulated outputs (which hold no noise), their rates and squares, shifted by up to half a second either way.
+    It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and products with the first input,
+    shifted by up to half a second either way.
     What chance does to a correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
     """
     parts = [_part(item, channel) for item in fitted if channel in item.channels and channel in item.record.output_names]
@@ -151,11 +154,12 @@ def _signals(parts: Sequence[_Part]) -> list[tuple[str, str]]:
     shared = [set(part.item.record.input_names) | set(part.item.channels) & set(part.item.record.output_names) for part in parts]
     first = parts[0].item
     names = [name for name in (*first.record.input_names, *first.channels) if all(name in each for each in shared)]
-    return [(name, form) for form in ("itself", "rate", "square") for name in names]
+    products = [(name, "product") for name in names if first.record.input_names[:1] not in ((), (name,))]
+    return [*((name, form) for form in ("itself", "rate", "square") for name in names), *products]
 
 
 def _signal(part: _Part, name: str, form: str) -> np.ndarray:
-    """An input, or an output as the fit has it, its rate or the square of what it is away from its mean; mean taken off."""
+    """An input, or an output as the fit has it, away from its mean; its rate, square, or product with the first input; mean taken off."""
     item = part.item
     if name in item.record.input_names:
         values = item.record[name].values
@@ -171,6 +175,9 @@ def _signal(part: _Part, name: str, form: str) -> np.ndarray:
         values = np.gradient(values, item.record.time)
     elif form == "square":
         values = values**2
+    elif form == "product":
+        control = item.record[item.record.input_names[0]].values
+        values = values * (control - control.mean())
     return np.where(part.used, values - values[part.used].mean(), 0.0)
 
 

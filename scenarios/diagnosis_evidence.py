@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ident.leftover import Leftover, left_over
-from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity
+from ident.residuals import ResidualTest
+from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosing import Tracing
 from scenarios.effect_wording import CHANNELS, DEGREES, displayed, value_text
 
 FEW = 2  # parameters whose values are worth comparing between records
-FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}"}
+FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
 EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
@@ -71,17 +73,31 @@ def record_labels(tracing: Tracing) -> list[str]:
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """The warnings, with those that a test of the residuals wrote for each channel and record condensed to what is left in each channel."""
+    """The warnings with a description of what is left in each channel, in place of long lists of tests that failed.
+
+    Where nothing stands although the last set leaves noise (a guard is in it), what the declared model leaves is described.
+    """
     d = tracing.diagnosis
     failed = [test for test in d.tests_after if set(not_noise([test], math.inf)).intersection(d.warnings)]
-    if len(failed) <= FEW:
-        return list(d.warnings)
-    lines = not_noise(failed, math.inf)
-    others = [warning for warning in d.warnings if warning not in lines]
-    channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in failed))
-    found = [left_over(d.fitted, channel) for channel in channels]
-    share = f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(channels)}"
-    return [*others, share, *(leftover_sentence(item, tracing) for item in found if item is not None)]
+    lines = not_noise(failed, math.inf) if len(failed) > FEW else []
+    told = [warning for warning in d.warnings if warning not in lines]
+    if failed:
+        share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
+        return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
+    if d.verdict is Verdict.UNEXPLAINED:
+        declared = [replace(item, after=item.before) for item in d.fitted]
+        open_channels = _channels([test for test in d.tests_before if not test.passed])
+        return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]
+    return told
+
+
+def _channels(tests: Sequence[ResidualTest]) -> list[str]:
+    return list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
+
+
+def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[str]) -> list[str]:
+    found = [left_over(fitted, channel) for channel in channels]
+    return [leftover_sentence(item, tracing) for item in found if item is not None]
 
 
 def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
@@ -97,9 +113,10 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
     else:
         parts.append("about alike everywhere")
     if left.company is None:
-        return "; ".join([*parts, "goes with no input and no channel, nor their rates and squares"])
+        return "; ".join([*parts, "goes with no input and no channel, nor their rates, squares and products"])
     company = left.company
-    what = FORMS[company.form].format(f"the {_spoken(company.name)}")
+    control = next(iter(tracing.records[0].input_names), "input")
+    what = FORMS[company.form].format(f"the {_spoken(company.name)}", control=control)
     later = f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}" if abs(company.later) > 1e-9 else ""
     return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
 

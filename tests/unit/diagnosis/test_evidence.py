@@ -123,7 +123,21 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
 def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
     tracing = proven_tracing(tests)
-    assert warnings_of(tracing) == list(tracing.diagnosis.warnings) and len(tracing.diagnosis.warnings) == 2
+    told = warnings_of(tracing)
+    assert told[:2] == list(tracing.diagnosis.warnings) and len(tracing.diagnosis.warnings) == 2
+    assert [line.partition(":")[0] for line in told[2:]] == ["left in the angle of attack", "left in the pitch rate"]
+
+
+def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() -> None:
+    tracing = tracing_of(Verdict.UNEXPLAINED)
+    told = warnings_of(tracing)
+    assert told[0] == tracing.diagnosis.warnings[0]
+    assert [line.partition(":")[0] for line in told[1:]] == [
+        f"with the declared model, left in the {name}" for name in ("angle of attack", "pitch rate", "load factor")
+    ]
+    # The hand-made residual is a sine of 6 rad/s.
+    assert all("near 0.9" in line or "near 1" in line for line in told[1:])
+    assert warnings_of(tracing_of(Verdict.TRACED)) == [] == warnings_of(tracing_of(Verdict.CONSISTENT))
 
 
 def test_members_are_compared_only_where_there_are_some() -> None:

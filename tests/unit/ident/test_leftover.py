@@ -73,6 +73,15 @@ def test_a_simulated_output_is_company_but_its_noise_is_none() -> None:
     assert company is not None and (company.name, company.form, company.later) == ("q", "itself", 0.0)
 
 
+def test_a_product_with_the_input_is_company() -> None:
+    rng = np.random.default_rng(11)
+    moves, beneath = (np.convolve(rng.standard_normal(2000), np.hanning(25), mode="same") for _ in range(2))
+    both = moves * beneath
+    company = described(fitted_record(both / both.std() + rng.standard_normal(2000), moves, 5.0 * beneath)).company
+    assert company is not None and (company.name, company.form) == ("q", "product")
+    assert company.later == pytest.approx(0.0, abs=0.06)
+
+
 def test_coloured_chance_is_hardly_ever_company() -> None:
     rng = np.random.default_rng(7)
     accused = 0
