@@ -134,16 +134,23 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
     even = np.interp(grid, time[known], channel.values[known])
     half = min(round(0.5 * WINDOW / step), len(even) - 1)
     if half > 0:
-        # Turned about its ends, a straight line stays one.
-        ends = 2.0 * even[0] - even[half:0:-1], 2.0 * even[-1] - even[-2 : -half - 2 : -1]
+        # Beyond its ends the signal goes on as the line through its first and its last window does.
+        before, behind = np.arange(-half, 0), np.arange(1, half + 1)
+        ends = _line(even[: 2 * half + 1], before), _line(even[::-1][: 2 * half + 1], -behind)
         weights = np.hanning(2 * half + 3)[1:-1]
         even = np.convolve(np.concatenate([ends[0], even, ends[1]]), weights / weights.sum(), mode="valid")
     values = np.interp(time, grid, even)
     if not np.all(values > 0.0):
-        at = float(time[int(np.argmin(values))])
+        at = float(time[int(np.argmax(values <= 0.0))])
         remedy = "leave the column out, or cut the record there with --from and --to"
         raise RecordError(f"{channel.name} is not above zero at {at:g} s", where=f"{record.name}, channel {channel.name}", remedy=remedy)
     return np.asarray(values)
+
+
+def _line(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The straight line through ``values`` at their positions 0, 1, ..., at other positions."""
+    slope, level = np.polyfit(np.arange(len(values)), values, 1)
+    return np.asarray(level + slope * at)
 
 
 def _spikes(values: np.ndarray) -> np.ndarray:

@@ -66,7 +66,7 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
         corners.append(0.5 * BELOW_HALF * plan.rate)
         said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
     if plan.lowpass is not None:
-        if plan.lowpass >= 0.5 * rate:
+        if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
             remedy = "give a lower corner, or leave the option out"
             raise RecordError(f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
         corners.append(plan.lowpass)

@@ -1,0 +1,129 @@
+"""Files to prepared records: az, segments, hold by the fit, notes."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.files.records import read_record
+from scenarios.preparation.airspeed import with_flow
+from scenarios.preparation.interpreting import held_by_computer, linear_by
+from scenarios.preparation.load_factor import with_load_factor
+from scenarios.preparation.plan import Plan, Segment
+from scenarios.preparation.reading import prepare
+from sim.errors import RecordError
+from sim.record import Hold
+from tests.oracles.falling_speed import FallingSpeed, fly_falling
+from tests.preparing import OUTPUTS, declared, noisy, record_of, write_flown
+
+G0 = 9.80665
+
+
+@pytest.fixture(scope="module")
+def linear() -> FallingSpeed:
+    return fly_falling(weight=False, fall=0.0)
+
+
+@pytest.fixture(scope="module")
+def held() -> FallingSpeed:
+    return fly_falling(weight=False, fall=0.0, held=True)
+
+
+def test_az_serves_as_nz_where_there_is_none(tmp_path: Path, linear: FallingSpeed) -> None:
+    with_nz = write_flown(tmp_path / "nz.csv", linear)
+    rows = np.array([linear.time, linear.elevator, linear.alpha, linear.q, -(linear.nz + 1.0)]).T
+    header = "time,elevator,alpha,q,az [g]"
+    np.savetxt(tmp_path / "az.csv", rows, delimiter=",", header=header, comments="", fmt="%.12g")
+    (first,), (second,) = (prepare([path], declared(), Plan()).fitted for path in (with_nz, tmp_path / "az.csv"))
+    assert second.output_names == OUTPUTS and second["nz"].unit == "g"
+    np.testing.assert_allclose(second["nz"].values, first["nz"].values + 1.0, atol=1e-10)
+    notes = prepare([tmp_path / "az.csv"], declared(), Plan()).notes
+    assert any(note == "az.csv: nz is -az/9.80665" for note in notes)
+
+
+def test_nz_that_is_there_is_taken_and_a_broken_az_is_not_looked_at(tmp_path: Path) -> None:
+    (tmp_path / "both.csv").write_text("time,elevator,alpha,nz,az\n0,0,0,1,broken\n1,0,0,2,broken\n")
+    record = read_record(tmp_path / "both.csv", ["elevator"], OUTPUTS, instead={"nz": "az"})
+    assert record.output_names == ("alpha", "nz") and record["nz"].values.tolist() == [1.0, 2.0]
+    (tmp_path / "alone.csv").write_text("time,elevator,az\n0,0,-9.80665\n1,0,\n2,0,-19.6133\n")
+    alone, _ = with_load_factor(read_record(tmp_path / "alone.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
+    assert alone["nz"].valid.tolist() == [True, False, True] and alone["nz"].values[[0, 2]].tolist() == [1.0, 2.0]
+    (tmp_path / "up.csv").write_text("time,elevator,az [g]\n0,0,2\n1,0,2\n")
+    _, said = with_load_factor(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
+    assert "is az positive up" in said
+
+
+def test_further_channels_that_cannot_be_read_as_such_count_as_absent(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text("time,q,airspeed_raw,dynamic_pressure\n0,1,x,\n1,1,y,\n")
+    assert read_record(path, (), ["q"], optional=["airspeed", "dynamic_pressure"]).output_names == ("q",)
+    path.write_text("time,q,airspeed_kt\n0,1,100\n1,1,x\n")
+    with pytest.raises(RecordError, match="row 3, column 'airspeed_kt': 'x' is not a number"):
+        read_record(path, (), ["q"], optional=["airspeed"])
+
+
+def test_segments_become_records_of_their_own(tmp_path: Path, linear: FallingSpeed) -> None:
+    path = write_flown(tmp_path / "r.csv", linear)
+    plan = Plan((Segment(2.0, 8.0), Segment(11.5, 19.0)))
+    ready = prepare([path], declared(), plan, validate=[write_flown(tmp_path / "v.csv", linear)])
+    assert [record.name for record in ready.fitted] == ["r.csv[2-8 s]", "r.csv[11.5-19 s]"]
+    assert [(record.time[0], record.time[-1]) for record in ready.fitted] == [(2.0, 8.0), (11.5, 19.0)]
+    assert [(record.name, len(record)) for record in ready.validation] == [("v.csv", len(linear.time))]
+    (alone,) = prepare([path], declared(), Plan((Segment(2.0, 8.0),))).fitted
+    assert alone.name == "r.csv" and len(alone) == 301
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_data_tell_linear_from_held(seed: int, tmp_path: Path, linear: FallingSpeed, held: FallingSpeed) -> None:
+    for flown, due in ((linear, Hold.LINEAR), (held, Hold.PREVIOUS)):
+        path = write_flown(tmp_path / "r.csv", flown, rng=np.random.default_rng(seed))
+        ready = prepare([path], declared(), Plan())
+        assert ready.fitted[0].hold is due
+        assert any("inputs linear between samples" in note and "--hold previous" in note for note in ready.notes) == (due is Hold.LINEAR)
+
+
+def test_a_sidecar_and_the_user_decide_before_the_data(tmp_path: Path, linear: FallingSpeed) -> None:
+    path = write_flown(tmp_path / "r.csv", linear, rng=np.random.default_rng(0))
+    (by_hand,) = prepare([path], declared(), Plan(hold=Hold.PREVIOUS)).fitted
+    assert by_hand.hold is Hold.PREVIOUS
+    (tmp_path / "r.json").write_text(json.dumps({"schema": "flightid/record/1", "hold": "previous"}))
+    (by_sidecar,) = prepare([path], declared(), Plan()).fitted
+    assert by_sidecar.hold is Hold.PREVIOUS
+    (tmp_path / "r.json").write_text(json.dumps({"schema": "flightid/record/1", "units": {"alpha": "rad"}}))
+    (silent,) = prepare([path], declared(), Plan()).fitted
+    assert silent.hold is Hold.LINEAR
+
+
+def test_a_commanded_input_is_held_whatever_the_fit_says(held: FallingSpeed) -> None:
+    steps = np.where((held.time > 2.0) & (held.time < 4.0), 0.02, 0.0)
+    record = record_of(held)
+    stepped = record.__class__(record.time, (record.inputs[0].of("elevator", "rad", steps),), record.outputs)
+    assert held_by_computer(stepped) and not held_by_computer(record)
+    assert linear_by([stepped], declared(), with_flow) == 0.0
+
+
+def test_trims_and_the_measured_speed_are_told(tmp_path: Path) -> None:
+    flown = fly_falling(weight=True)
+    columns = noisy(flown)
+    resting = np.where(flown.time < 1.2, 0.0, columns["elevator"]) + 0.03
+    rows = np.array([flown.time, resting, *(columns[name] for name in OUTPUTS), columns["airspeed"]]).T
+    np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="time,elevator,alpha,q,nz,airspeed", comments="", fmt="%.12g")
+    ready = prepare([tmp_path / "r.csv"], declared(), Plan())
+    told = "\n".join(ready.notes)
+    taken = re.search(r"r\.csv: trim of elevator taken off, ([0-9.]+) rad", told)
+    assert taken is not None and abs(float(taken[1]) - 0.03) < 0.001
+    assert "measured airspeed used, 117 to 130 m/s (declared 130 m/s)" in told
+    assert "the lift that carries the weight follows the measured pressure" in told and "speed-variation is no candidate" in told
+    assert ready.fitted[0].input_names == ("elevator", "airspeed_change", "lift")
+    assert ready.measured[0].output_names == (*OUTPUTS, "airspeed") and ready.measured[0]["elevator"].values[0] == 0.03
+
+
+def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> None:
+    path = write_flown(tmp_path / "r.csv", fly_falling(weight=False), (*OUTPUTS, "airspeed"), np.random.default_rng(0))
+    ready = prepare([path], declared(), Plan())
+    assert ready.fitted[0].input_names == ("elevator", "airspeed_change")
+    assert any("perturbations alone fit better" in note for note in ready.notes)
