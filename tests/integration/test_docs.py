@@ -35,7 +35,7 @@ def words(text: str) -> str:
     return " ".join(text.split())
 
 
-READERS_FILES = {"docs/how-to/own-effect.md"}  # commands on files that only the reader has
+READERS_FILES = {"docs/how-to/own-effect.md", "docs/records/cavour.md", "docs/records/prometheus.md"}  # commands on files that only the reader has
 WITH_COMMANDS = [
     path
     for path in DOCUMENTS
