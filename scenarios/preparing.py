@@ -10,7 +10,8 @@ from sim.record import Channel, Record
 
 REST = 0.05  # of an input's span, within which it rests
 LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-STILL = 0.3  # of a channel's scatter over the record, below which the aircraft rests as well
+QUICK = ("alpha", "q", "nz", "az")  # channels in which a motion shows at once
+STILL = 0.3  # of a channel's scatter over the record, by which it may change while the aircraft rests
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
@@ -44,7 +45,7 @@ def _trim(record: Record, values: np.ndarray) -> float:
         return 0.0
     # The last sample before the move may already be on its way.
     until = max(2, until - 1)
-    if any(_moves(channel, until) for channel in record.outputs):
+    if any(_moves(channel, until) for channel in record.outputs if channel.name in QUICK):
         return 0.0
     resting = values[:until]
     level = float(np.mean(resting))
@@ -53,6 +54,7 @@ def _trim(record: Record, values: np.ndarray) -> float:
 
 
 def _moves(channel: Channel, until: int) -> bool:
-    """Whether a channel moves in its first samples: a maneuver that begins with a held step starts with the record."""
+    """Whether a channel moves in its first samples, its noise left out: a maneuver that begins with a held step starts with the record."""
     first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
-    return len(first) > 1 and float(np.std(first)) > STILL * float(np.std(every))
+    half = len(first) // 2
+    return half > 0 and abs(float(np.mean(first[half:]) - np.mean(first[:half]))) > STILL * float(np.std(every))

@@ -89,6 +89,20 @@ def by_record(node: Node, effect: Effect) -> tuple[dict[str, Quantity], ...]:
     return tuple(out)
 
 
+def stands_off(node: Node, effect: Effect) -> float:
+    """How far an effect's parameters, all together, stand off their absence, in corrected sigmas (the root of Wald's statistic, per parameter)."""
+    covariance, _ = fit_covariance(node.fit)
+    names = node.fit.layout.names
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    at = [i for i, name in enumerate(names) if name in absent]
+    if not at:
+        return np.inf
+    away = node.fit.theta[at] - np.array([absent[names[i]] for i in at])
+    scale = np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
+    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
+    return float(np.sqrt(max(0.0, (away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0]) / len(at)))
+
+
 def own_quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
     """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
     return by_record(node, effect)[0]

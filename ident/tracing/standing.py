@@ -15,11 +15,12 @@ import numpy as np
 from ident.colour import effective_share
 from ident.fit import Fit
 from ident.tracing.acceptance import held_out
-from ident.tracing.expansion import COLLINEAR, implausible, same_sensor_twins
+from ident.tracing.coloured import coloured_gain
+from ident.tracing.expansion import CLEARLY, COLLINEAR, implausible, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
 from ident.tracing.occasion import occasion_at
 from ident.tracing.reduction import Reduction, reduction
-from ident.tracing.replication import Flight, Replication, own_quantities, replicate
+from ident.tracing.replication import Flight, Replication, own_quantities, replicate, stands_off
 from ident.tracing.screening import Finding, collinear, screen
 from sim.effect import Effect, NoiseEffect
 
@@ -35,7 +36,7 @@ DEEPEST = 2
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """One candidate added to a set, weighed on records that were not fitted."""
+    """One candidate added to a set, weighed on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for."""
 
     effect: Effect
     finding: Finding
@@ -61,14 +62,13 @@ def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -
     Parameters
     ----------
     flight : at least two records. candidates : library and guards; events and random motion are left out, since they need not replicate.
-        Guards compete even where they belong to one record: what they explain better has another cause.
     root : the declared model fitted to the training records, for starting values.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each.
     """
     found: list[Stood] = []
     weighed: list[Standing] = []
-    usable = [c for c in candidates if guards_among([c.name]) or not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
+    usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
     everything = range(len(flight.records))
     node = flight.fit((), everything, None, root.values.shared)
     while node is not None and len(found) < DEEPEST:
@@ -141,17 +141,20 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) 
     child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
     if child is None:
         return None
-    gain = _effective(node) * (node.fit.cost - child.fit.cost)
     if _fitted_change(node, child) > -HALF * WORTH:
         return None
     after = _left_out(flight, child)
     if after is None:
         return None
-    lowered = reduction(before, after)
+    lowered, gain = reduction(before, after), coloured_gain(before, after)
     if lowered.total > -WORTH:
         return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, "it does not lower the held-out error enough")
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
+    if stands and stands_off(child, finding.effect) < CLEARLY:
+        stands, why = False, "its parameters are not determined"
+    if stands and gain < flight.settings.accept:
+        stands, why = False, "a colour of the residual does as well"
     if stands and implausible(finding.effect, own_quantities(child, finding.effect)):
         stands, why = False, "its parameters are beyond belief"
     return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why)
