@@ -88,7 +88,16 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []
-    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*told, *notes))
+    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes))
+
+
+def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
+    """Sentences on single records, ``"NAME: text"``; the same text on several of them once."""
+    names: dict[str, list[str]] = {}
+    for sentence in told:
+        of = next((record.name for record in records if sentence.startswith(f"{record.name}: ")), "")
+        names.setdefault(sentence.removeprefix(f"{of}: ") if of else sentence, []).append(of)
+    return [f"{', '.join(each)}: {text}" if each[0] else text for text, each in names.items()]
 
 
 def named(path: Path, segment: Segment, *, several: bool) -> str:

@@ -53,6 +53,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         effects=[_effect(claim, tracing) for claim in d.effects],
         advice=text.verdict_advice(tracing),
         warnings=warnings,
+        notes=tracing.notes,
         where=text.where_predicted(tracing),
         errors=text.error_rows(d),
         kinematics=_kinematics(tracing),

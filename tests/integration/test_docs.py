@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
 import types
 import typing
@@ -45,16 +46,19 @@ WITH_COMMANDS = [
 
 @pytest.mark.parametrize("path", WITH_COMMANDS, ids=name_of)
 def test_commands_do_what_the_document_shows(path: Path, flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ``toml`` block that begins with ``# file: NAME`` is that file; ``# refused`` behind a command means exit code 2; each line
-    of a ``text`` block stands in what the commands before it printed or wrote."""
+    """A ``toml`` or ``python`` block that begins with ``# file: NAME`` is that file, and ``python NAME`` runs it; ``# refused`` behind
+    a command means exit code 2; each line of a ``text`` block stands in what the commands before it printed or wrote."""
     monkeypatch.chdir(tmp_path)
     for folder in ("docs", "labs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     seen = ""
     for kind, text in blocks(path):
-        if kind == "toml" and text.startswith("# file: "):
+        if kind in ("toml", "python") and text.startswith("# file: "):
             (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
         elif kind == "sh":
+            for line in text.splitlines():
+                if line.startswith("python "):
+                    runpy.run_path(line.split()[1])
             seen = "".join(run(line, flightid) for line in text.splitlines() if line.startswith("flightid "))
         elif kind == "text":
             for line in text.splitlines():
