@@ -163,13 +163,24 @@ def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
 
 
 def best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
-    """A node with one more effect, fitted from the best few of its starts; None where none has a finite cost."""
+    """A node with one more effect, fitted from the best few of its starts; None where none comes out better than the node itself."""
     best: Node | None = None
     for start in finding.starts[:starts]:
         child = search.fit((*node.effects, finding.effect), node, start, rough=True)
         if child is not None and (best is None or child.fit.cost < best.fit.cost):
             best = child
+    if best is None or best.fit.cost > node.fit.cost:
+        # The projection, which knows slopes only, led astray: from near absence no fit can fail.
+        again = search.fit((*node.effects, finding.effect), node, near_absence(finding.effect, finding.starts[0]), rough=True)
+        best = again if again is not None and again.fit.cost <= node.fit.cost else None
     return best
+
+
+def near_absence(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:
+    """A start with a hundredth of its distance from the effect's absence."""
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    near = {name: absent.get(name, value) + (0.01 * (value - absent[name]) if name in absent else 0.0) for name, value in start.items()}
+    return {name: value if np.isfinite(value) else start[name] for name, value in near.items()}
 
 
 def _placed_better(search: Search, child: Node, effect: Effect) -> Node:

@@ -100,6 +100,9 @@ def diagnose(
     scatter: Mapping[str, float] = {}
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
+        if _no_better(out_before, out_after):
+            # What does not help on data that were not fitted is not even a hint.
+            best, out_after, effects = root, out_before, [effect for effect in effects if effect.name.startswith("sensor-spikes")]
         partial = stand_by_themselves(search, root, seen, kept)
         if partial is not None:
             search.evidence += partial.evidence
@@ -133,6 +136,11 @@ def _judged_again(
         return verdict, best, out, claims, tests, warnings
     tests = tuple(whiteness(partial.node.fit, "fitted"))
     return Verdict.PARTIAL, partial.node, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
+
+
+def _no_better(before: HeldOut, after: HeldOut) -> bool:
+    """Whether a free simulation of held-out data is no better, in likelihood, than that of the declared model."""
+    return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
 
 
 def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:

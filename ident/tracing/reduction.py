@@ -23,7 +23,7 @@ class Reduction:
 
     ``total`` is the mean over the channels of ln(rms after / rms before), negative where the error falls, ``scatter`` its standard deviation
     under resampling of blocks; ``by_channel`` and ``channel_scatter`` ``(m,)`` the same for each channel, zero where one is not measured;
-    ``by_record`` the total of each record.
+    ``by_record`` and ``record_scatter`` those of each record.
     """
 
     total: float
@@ -31,6 +31,7 @@ class Reduction:
     by_channel: np.ndarray
     channel_scatter: np.ndarray
     by_record: tuple[float, ...]
+    record_scatter: tuple[float, ...]
 
     @property
     def share(self) -> float:
@@ -43,7 +44,11 @@ def reduction(before: Sequence[Fit], after: Sequence[Fit]) -> Reduction:
     blocks = [_block_sums(one, two) for one, two in zip(before, after, strict=True)]
     sums = np.concatenate(blocks)
     rng = np.random.default_rng(0)
-    drawn = sums[rng.integers(len(sums), size=(DRAWS, len(sums)))].sum(axis=1)
+
+    def redrawn(parts: np.ndarray) -> np.ndarray:
+        return np.asarray(parts[rng.integers(len(parts), size=(DRAWS, len(parts)))].sum(axis=1))
+
+    drawn = redrawn(sums)
     by_channel = _log_ratio(sums.sum(axis=0))
     resampled = _log_ratio(drawn)
     return Reduction(
@@ -52,6 +57,7 @@ def reduction(before: Sequence[Fit], after: Sequence[Fit]) -> Reduction:
         by_channel,
         np.std(resampled, axis=0),
         tuple(float(_mean(_log_ratio(b.sum(axis=0)), b.sum(axis=0))) for b in blocks),
+        tuple(float(np.std(_mean(_log_ratio(d), d))) for d in map(redrawn, blocks)),
     )
 
 

@@ -16,7 +16,7 @@ from ident.colour import effective_share
 from ident.fit import Fit
 from ident.tracing.acceptance import held_out
 from ident.tracing.coloured import coloured_gain
-from ident.tracing.expansion import CLEARLY, COLLINEAR, implausible, same_sensor_twins
+from ident.tracing.expansion import CLEARLY, COLLINEAR, implausible, near_absence, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
 from ident.tracing.occasion import occasion_at
 from ident.tracing.reduction import Reduction, reduction
@@ -139,6 +139,8 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) 
     everything = range(len(flight.records))
     tries = [flight.fit(effects, everything, node.values, start) for start in finding.starts[:2]]
     child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+    if child is None or child.fit.cost > node.fit.cost:
+        child = flight.fit(effects, everything, node.values, near_absence(finding.effect, finding.starts[0]))
     if child is None:
         return None
     if _fitted_change(node, child) > -HALF * WORTH:
@@ -172,8 +174,11 @@ def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
         return False, "the fall of the held-out error is within its scatter"
     if np.any(lowered.by_channel > WORSE + 2.0 * lowered.channel_scatter):
         return False, "one channel gets worse"
-    if sum(total < 0.0 for total in lowered.by_record) < len(lowered.by_record) - (len(lowered.by_record) > 3):
-        return False, "it does not help on every record"
+    # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
+    if any(total > SURE * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
+        return False, "it makes a record worse"
+    if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
+        return False, "it helps on too few records"
     if not copies.agrees:
         return False, "the records give different values"
     return True, "stands"
