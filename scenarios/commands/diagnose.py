@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scenarios.figure_process import figure_process
-from scenarios.preparation.plan import Plan
 from scenarios.progress import progress_bar
+
+if TYPE_CHECKING:
+    from scenarios.preparation.plan import Plan
 
 
 def diagnose_records(
