@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosing import Tracing
+from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis_kinematics import kinematics_lines
-from scenarios.effect_wording import Wording, displayed, group_sentence, parameter_text, sentence, value_text, with_sigma
+from scenarios.effect_wording import Wording, group_sentence, parameter_text, sentence, value_text
 from scenarios.separating import separating_maneuvers
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
 MOVED = 2.0  # sigmas
-SHOWN = 6  # candidates of a round
 
 
 def diagnosis_text(tracing: Tracing) -> str:
@@ -137,39 +137,6 @@ def derivative_rows(
     return rows
 
 
-def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
-    """The best candidates of each round at each set, by gain; of several forms of one effect the best."""
-    rows: list[tuple[str, ...]] = []
-    nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
-    for node in nodes:
-        group = [candidate for candidate in d.candidates if (candidate.round, candidate.within) == node]
-        ranked = sorted(group, key=lambda c: (-c.gain, c.name))
-        best = {candidate.name: candidate for candidate in reversed(ranked)}
-        rows += [candidate_row(candidate) for candidate in ranked if best[candidate.name] is candidate][:count]
-    return rows
-
-
-def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters."""
-    asked = [candidate for candidate in d.candidates if candidate.remark]
-    asked.sort(key=lambda c: (len(c.within), c.held_out_change if c.held_out_change is not None else 0.0))
-    cells = [candidate_row(candidate) for candidate in asked]
-    return [(row[1], row[4], candidate.remark, row[5]) for row, candidate in zip(cells, asked, strict=True)]
-
-
-def candidate_row(c: Candidate) -> tuple[str, ...]:
-    """Round, name, gain, p-value, held-out change, parameters, remarks."""
-    held = "-" if c.held_out_change is None else f"{100.0 * c.held_out_change:+.1f} %"
-    told = [f"{name} {with_sigma(quantity, name=name) if c.fitted else _estimate(name, quantity)}" for name, quantity in c.parameters.items()]
-    parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
-    remarks = [] if c.fitted else ["screened"]
-    remarks += [] if c.plausible else ["implausible"]
-    remarks += [f"like {', '.join(c.collinear_with[:3])}"] if c.collinear_with else []
-    remarks += [c.remark] if c.remark else []
-    name = " + ".join((*c.within, c.name))
-    return str(c.round), name, f"{c.gain:.1f}", f"{c.p_value:.1g}", held, parameters, "; ".join(remarks)
-
-
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
     """What follows from the derivatives, before and after; a delay of the model itself stands there as well."""
     pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
@@ -248,11 +215,6 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
-
-
-def _estimate(name: str, quantity: Quantity) -> str:
-    value, _, unit = displayed(quantity, name)
-    return f"about {value:.3g}{f' {unit}' if unit not in ('', '1') else ''}"
 
 
 def _short(value: float) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios import diagnosis_text as text
 from scenarios.diagnosing import Tracing
+from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables
 from scenarios.diagnosis_figures import CAPTIONS, figure_stems
 from scenarios.diagnosis_kinematics import kinematics_lines
@@ -59,7 +60,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         kinematics=_kinematics(tracing),
         replicated=[_replicated(claim, i) for i, claim in enumerate(claim for claim in d.effects if claim.evidence is not None)],
         replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
-        weighed=text.weighed_rows(d),
+        weighed=weighed_rows(d),
         headings=text.derivative_headings(d)[2:],
         members=member_tables(d),
         scatter=bool(d.scatter),
@@ -68,7 +69,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         moved_title=_capital(text.moved_title(d)),
         figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures) if stem != "replication"],
         steps=[step.sentence for step in d.steps],
-        candidates=text.candidate_rows(d, len(d.candidates)),
+        candidates=candidate_rows(d, len(d.candidates)),
         tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
         inputs=[("fitted", file) for file in tracing.inputs.records]
         + [("held out", file) for file in tracing.inputs.validation]

@@ -10,9 +10,10 @@ import pytest
 
 from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
+from scenarios.diagnosis_candidates import weighed_rows
 from scenarios.diagnosis_content import diagnosis_content
 from scenarios.diagnosis_evidence import by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis_text import diagnosis_text, headline, weighed_rows
+from scenarios.diagnosis_text import diagnosis_text, headline
 from scenarios.effect_wording import Wording, group_sentence
 from scenarios.files.writing import json_text
 from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of

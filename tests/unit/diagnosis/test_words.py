@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis_text import candidate_rows, derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
+from scenarios.diagnosis_candidates import candidate_rows
+from scenarios.diagnosis_text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
 from scenarios.effect_wording import SENTENCES, Wording, parameter_text, sentence, value_text
 from scenarios.separating import separating_maneuver
 from sim.effects.library import library

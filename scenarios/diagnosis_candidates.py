@@ -1,0 +1,46 @@
+"""Candidates of a diagnosis as rows of tables: how the search ranked them, and what was weighed on records that were not fitted."""
+
+from __future__ import annotations
+
+from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
+from scenarios.effect_wording import displayed, with_sigma
+
+SHOWN = 6  # candidates of a round
+
+
+def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
+    """The best candidates of each round at each set, by gain; of several forms of one effect the best."""
+    rows: list[tuple[str, ...]] = []
+    nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
+    for node in nodes:
+        group = [candidate for candidate in d.candidates if (candidate.round, candidate.within) == node]
+        ranked = sorted(group, key=lambda c: (-c.gain, c.name))
+        best = {candidate.name: candidate for candidate in reversed(ranked)}
+        rows += [candidate_row(candidate) for candidate in ranked if best[candidate.name] is candidate][:count]
+    return rows
+
+
+def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters."""
+    asked = [candidate for candidate in d.candidates if candidate.remark]
+    asked.sort(key=lambda c: (len(c.within), c.held_out_change if c.held_out_change is not None else 0.0))
+    cells = [candidate_row(candidate) for candidate in asked]
+    return [(row[1], row[4], candidate.remark, row[5]) for row, candidate in zip(cells, asked, strict=True)]
+
+
+def candidate_row(c: Candidate) -> tuple[str, ...]:
+    """Round, name, gain, p-value, held-out change, parameters, remarks."""
+    held = "-" if c.held_out_change is None else f"{100.0 * c.held_out_change:+.1f} %"
+    told = [f"{name} {with_sigma(quantity, name=name) if c.fitted else _estimate(name, quantity)}" for name, quantity in c.parameters.items()]
+    parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+    remarks = [] if c.fitted else ["screened"]
+    remarks += [] if c.plausible else ["implausible"]
+    remarks += [f"like {', '.join(c.collinear_with[:3])}"] if c.collinear_with else []
+    remarks += [c.remark] if c.remark else []
+    name = " + ".join((*c.within, c.name))
+    return str(c.round), name, f"{c.gain:.1f}", f"{c.p_value:.1g}", held, parameters, "; ".join(remarks)
+
+
+def _estimate(name: str, quantity: Quantity) -> str:
+    value, _, unit = displayed(quantity, name)
+    return f"about {value:.3g}{f' {unit}' if unit not in ('', '1') else ''}"
