@@ -17,6 +17,7 @@ from sim.system import compile_model
 BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
 AGAINST = 2.0  # the same of one record, beyond which it contradicts
 SETTINGS = FitSettings(max_step=0.02, iterations=20, enough=0.5, coloured=False)
+BEYOND = 1e50
 LARGEST = 3000  # samples that the comparison looks at
 UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer held it
 Reading = tuple[Model, list[Record]]
@@ -28,6 +29,8 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str]) -> float:
     Zero where one cannot be fitted, and where a record by itself speaks against the sum of all: an effect that the model lacks may
     favour the wrong reading in one maneuver, a right one is right in all.
     """
+    if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
+        return 0.0  # no measurement; whoever fits it says so
     old, new = _fit(first, outputs), _fit(second, outputs)
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0

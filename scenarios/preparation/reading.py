@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from scenarios.files.channels import ColumnChoice
 from scenarios.preparation.airspeed import Flow, able, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.filtering import filtered
@@ -81,7 +83,8 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
         one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan)
         records.append(one)
         told += sentences
-    trimmed = [about_trim(record) for record in records]
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
+        trimmed = [about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
         told += [f"{record.name}: trim of {name} taken off, {value:.4g} {units[name]}" for name, value in trims.items()]
