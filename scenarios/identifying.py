@@ -113,8 +113,10 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     names = [f"bias_{name}" for name in biased.biases]
     biases = tuple(row for row in rows if row.name in names)
     rows = tuple(row for row in rows if row.name not in names)
-    z, valid = record.output_array(estimate.output_names)
-    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    measured = [each.output_array(estimate.output_names) for each in records]
+    valid = np.concatenate([known for _, known in measured], axis=1)
+    residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
+    tests = residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
     airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
     derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
