@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,11 +28,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def identify(flightid: CommandLine, folder: Path, record: Path, *options: object) -> dict[str, dict[str, float]]:
+def identify(flightid: CommandLine, folder: Path, record: Path, *options: object) -> dict[str, Any]:
     out = folder / "out"
     words = ("--model", "rigid", "--vehicle", folder / "vehicle.toml", "--out", out, "--no-figures")
     flightid.done("identify", record, *words, *options)
-    return json.loads((out / "comparison.json").read_text())
+    content: dict[str, Any] = json.loads((out / "comparison.json").read_text())
+    return content
 
 
 def test_segments_of_a_slowing_flight_give_the_true_derivatives(flightid: CommandLine, folder: Path) -> None:
