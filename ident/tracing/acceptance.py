@@ -15,9 +15,10 @@ import numpy as np
 from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import Prior, lay_out
 from ident.information import inverse_information
+from ident.process_noise import is_forced
 from ident.residuals import ResidualTest, ljung_box
 from ident.tracing.diagnosis import Candidate, ErrorFigures
-from ident.tracing.node import Node, belongs_to_record, carried, compiled_with, fit_as_declared, free_names, levels_of
+from ident.tracing.node import Node, Values, belongs_to_record, carried, compiled_with, fit_as_declared, fit_set, free_names, levels_of
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import screen
 from sim.effect import Effect
@@ -45,6 +46,9 @@ def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] 
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
     freer = _fit_other(node, records, masks, shared, training_prior(node))
+    if freer is not None and not is_forced(node.system) and doubted(HeldOut(None, freer.fit)):
+        nearer = _fit_other(node, records, masks, shared, prior) if (prior := _prior_where_both_meet(node, freer, masks)) is not None else None
+        freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in node.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
         again = _fit_set(node, node.effects, records, masks, shared, None, freer, {})
@@ -142,6 +146,35 @@ def training_prior(node: Node) -> Prior:
     covariance, _ = inverse_information(normal, fit.theta)
     information, _ = inverse_information(covariance[:n, :n], np.ones(n))
     return Prior(np.arange(n), fit.theta[:n].copy(), information)
+
+
+def _prior_where_both_meet(node: Node, freer: Node, masks: Sequence[np.ndarray] | None) -> Prior | None:
+    """What training says of the shared parameters about the point at which it meets the held-out records; None where no such point is found.
+
+    Training may leave open a curved line of parameters, such as a limit times a derivative: its Gaussian holds near its own optimum only.
+    """
+    trained, other = node.fit.layout.problems, freer.fit.layout.problems
+    values = Values(node.values.shared, (*node.values.own, *freer.values.own), (*node.values.states, *freer.values.states))
+    records = [problem.record for problem in (*trained, *other)]
+    valid = [*(problem.valid for problem in trained), *(masks if masks is not None else (problem.valid for problem in other))]
+    settings = replace(node.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
+    both = fit_set(records, node.declared, node.effects, node.system.output_names, settings, valid, 0.0, values)
+    if both is None:
+        return None
+    fit, n = both.fit, len(both.fit.layout.shared)
+    normal, gradient = np.zeros((len(fit.theta),) * 2), np.zeros(len(fit.theta))
+    for r, problem in enumerate(fit.layout.problems[: len(trained)]):
+        at = fit.layout.columns(r)
+        J = fit.jacobians[r].reshape(-1, len(at))
+        weight = np.where(problem.valid, 1.0 / node.fit.variance[:, None], 0.0).ravel()
+        normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
+        gradient[at] += J.T @ (weight * fit.residuals[r].ravel())
+    own = n + len(trained) * fit.layout.own
+    inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
+    covariance, _ = inverse_information(inside, fit.theta[:own])
+    step = np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0] / scale
+    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
+    return Prior(np.arange(n), fit.theta[:n] + step[:n], information)
 
 
 def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
