@@ -20,6 +20,7 @@ from sim.model import Model
 from sim.record import Hold, Record
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
+PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
@@ -143,7 +144,7 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
     if not any(flow is not None and _varies(flow) for flow in flows):
         return True, []
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in fitted)]
-    gain = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs)
+    gain = better_by(with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN)
     if gain < BETTER:
         return True, ["the lift that carries the weight follows the measured pressure"]
     return False, [f"the lift that carries the weight is left out: perturbations alone fit better (twice the log likelihood {gain:.1f})"]
