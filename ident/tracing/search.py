@@ -9,7 +9,7 @@ from __future__ import annotations
 from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
-from ident.tracing.node import Node
+from ident.tracing.node import Node, guards_among
 from ident.tracing.scoring import is_white
 from ident.tracing.search_state import Search
 from sim.tracing import Refinable
@@ -46,7 +46,19 @@ def grow(search: Search, root: Node) -> Node:
             beam = _best(search, [*beam, *together])
         if not beam:
             break
-    return min(search.nodes.values(), key=search.score)
+    return _best_found(search)
+
+
+def _best_found(search: Search) -> Node:
+    """The set of lowest score; where that leaves no noise, the best of those that do.
+
+    Scores of events and of random motion do not compare: unevenness is charged to the one only.
+    """
+    best = min(search.nodes.values(), key=search.score)
+    if is_white(best, search.settings.white):
+        return best
+    white = [node for node in search.nodes.values() if is_white(node, search.settings.white) and not guards_among(node.names)]
+    return min(white, key=search.score, default=best)
 
 
 def extended(search: Search, root: Node, node: Node) -> Node:

@@ -36,7 +36,8 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
         # What training itself does not explain, no held-out record will.
         return best, out
     best, out = _in_freer_form(search, best, out, validation, masks)
-    total = {frozenset(best.names): search.score(best) + _held_out_cost(out)}
+    # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
+    total = {frozenset(best.names): best.criterion + _held_out_cost(out)}
     misfit = {frozenset(best.names): 2.0 * best.fit.cost + _held_out_cost(out)}
     nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
     alike = stand_ins(search, best, search.settings.near)
@@ -47,7 +48,7 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
         other = refined(search, node)
         fits = held_out(other, validation, masks) if validation else HeldOut(None, None)
         key = frozenset(other.names)
-        nodes[key], outs[key], total[key] = other, fits, search.score(other) + _held_out_cost(fits)
+        nodes[key], outs[key], total[key] = other, fits, other.criterion + _held_out_cost(fits)
         misfit[key] = 2.0 * other.fit.cost + _held_out_cost(fits)
     chosen = min(total, key=lambda key: total[key])
     search.totals, search.misfits = total, misfit
@@ -146,13 +147,15 @@ def not_noise(tests: Sequence[ResidualTest], least: float) -> list[str]:
 
 
 def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:
-    score = search.score(best)
     others = [
         node
         for key, node in search.nodes.items()
-        if key != frozenset(best.names) and len(node.effects) == len(best.effects) and search.scores[key] - score < within and not guards_among(key)
+        if key != frozenset(best.names)
+        and len(node.effects) == len(best.effects)
+        and node.criterion - best.criterion < within
+        and not guards_among(key)
     ]
-    return sorted(others, key=search.score)[:most]
+    return sorted(others, key=lambda node: node.criterion)[:most]
 
 
 def _held_out_cost(out: HeldOut) -> float:
@@ -191,7 +194,8 @@ def _improved(search: Search, root: Node, best: Node, before: HeldOut, after: He
         return gain > -float(np.sqrt(2.0 * len(after.frozen.theta)))
     records = [problem.record for problem in before.frozen.layout.problems]
     settings = best.fit.layout.settings
-    plain = predictive_log_likelihood(records, root.system, root.values.shared, noise_levels(root.fit), settings)
+    masks = [problem.valid for problem in (after.informed or before.frozen).layout.problems]
+    plain = predictive_log_likelihood(records, root.system, root.values.shared, noise_levels(root.fit), settings, masks=masks)
     local = [name for effect in best.effects if belongs_to_record(effect) for name in free_names(effect)]
-    found = predictive_log_likelihood(records, best.system, best.values.shared, noise_levels(best.fit), settings, local=local)
+    found = predictive_log_likelihood(records, best.system, best.values.shared, noise_levels(best.fit), settings, local=local, masks=masks)
     return found > plain
