@@ -93,11 +93,18 @@ class Detection:
     seconds: float
 
 
+# Where nz is recorded, a delay of the surface however small moves the one sample at each switch by its whole jump: no strength can be set.
+WITHOUT_NZ = ("input-delay", "actuator-lag")
 SETTINGS = (
     Setting("three channels"),
     Setting("alpha and q only", ("alpha", "q")),
     Setting("three channels, heavy tails (Student's t, 3.5 degrees of freedom)", tails=3.5),
 )
+
+
+def weak_setting(effect: str) -> Setting:
+    """The setting in which an effect's strength can be set: three channels, or alpha and q only."""
+    return SETTINGS[1] if effect in WITHOUT_NZ else SETTINGS[0]
 
 
 def clean_run(setting: Setting, seed: int) -> Alarm:

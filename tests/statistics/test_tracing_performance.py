@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.tracing_campaigns import SETTINGS, WEAK, Finding, clean_run, interval, weak_run
+from scenarios.tracing_campaigns import SETTINGS, WEAK, Finding, clean_run, interval, weak_run, weak_setting
+from scenarios.tracing_examination import examine, summary
 
 RUNS = 200  # clean records over all settings
 WEAK_RUNS = 12  # of each effect
+PAPERS = 100
 
 
 @pytest.mark.slow
@@ -20,8 +22,19 @@ def test_false_claims_on_clean_records_are_rare() -> None:
 
 @pytest.mark.slow
 def test_effects_of_gain_25_are_detected_and_named() -> None:
-    found = [weak_run(SETTINGS[0], effect, 25.0, seed) for effect in WEAK for seed in range(WEAK_RUNS)]
+    found = [weak_run(weak_setting(effect), effect, 25.0, seed) for effect in WEAK for seed in range(WEAK_RUNS)]
     seen = [detection for detection in found if detection.finding is not Finding.MISSED]
     named = [detection for detection in found if detection.finding in (Finding.RIGHT, Finding.AMBIGUOUS)]
     assert interval(len(seen), len(found))[1] >= 0.95
     assert interval(len(named), len(found))[1] >= 0.80
+
+
+@pytest.mark.slow
+def test_random_papers_are_marked_right() -> None:
+    """Aircraft, rates, channels, maneuvers, sizes, pairs and foreign causes at random: names, false names, and sigmas of the derivatives."""
+    found = summary([examine(seed) for seed in range(300, 300 + PAPERS)])
+    right, wrong = round(found["right"] * PAPERS), round(found["wrong claims"] * PAPERS)
+    assert interval(right, PAPERS)[1] >= 0.95
+    assert interval(wrong, PAPERS)[0] <= 0.02
+    assert 0.91 <= found["derivatives within two sigmas"] <= 0.985
+    assert found["held-out error, median"] <= 1.05
