@@ -57,7 +57,7 @@ def test_commands_do_what_the_document_shows(path: Path, flightid: CommandLine, 
             (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
         elif kind == "sh":
             for line in text.splitlines():
-                if line.startswith("python "):
+                if line.startswith("python ") and not line.startswith("python -m "):
                     runpy.run_path(line.split()[1])
             seen = "".join(run(line, flightid) for line in text.splitlines() if line.startswith("flightid "))
         elif kind == "text":
