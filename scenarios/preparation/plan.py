@@ -6,9 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from sim.errors import DeclarationError
-from sim.record import Hold
+
+if TYPE_CHECKING:  # a record loads NumPy, and a process that draws figures starts before that
+    from sim.record import Hold
 
 
 @dataclass(frozen=True)
@@ -58,10 +61,16 @@ def plan_of(
     ------
     DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none.
     """
+    return Plan(_segments(list(starts or ()), list(stops or ())), _hold_of(hold) if hold is not None else None, rate, lowpass)
+
+
+def _hold_of(word: str) -> Hold:
+    from sim.record import Hold
+
     kinds = {kind.value: kind for kind in Hold}
-    if hold is not None and hold not in kinds:
-        raise DeclarationError(f"there is no hold {hold!r}", where="--hold", remedy=f"use {' or '.join(kinds)}")
-    return Plan(_segments(list(starts or ()), list(stops or ())), kinds[hold] if hold is not None else None, rate, lowpass)
+    if word not in kinds:
+        raise DeclarationError(f"there is no hold {word!r}", where="--hold", remedy=f"use {' or '.join(kinds)}")
+    return kinds[word]
 
 
 def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
