@@ -81,6 +81,8 @@ class Whitener:
         from scipy.linalg.lapack import dtbtrs
 
         m, n, c = columns.shape
+        if c == 0:  # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
+            return np.empty(columns.shape)
         flat = np.empty((n, m, c))
         flat[0] = columns[:, 0]
         flat[1:] = np.diff(columns, axis=1).transpose(1, 0, 2)

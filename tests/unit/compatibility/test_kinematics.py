@@ -94,6 +94,13 @@ def test_whitening_and_smoothing_are_those_of_the_dense_covariance(channels: tup
     assert smoothed_walk(s, noise, r).T.ravel() == pytest.approx(expected, abs=1e-8 * float(np.abs(r).max()))
 
 
+def test_whitening_no_columns_is_no_work() -> None:
+    """SciPy's triangular solve corrupts memory where there is no right-hand side."""
+    s = signals_of(record(FOUR).window(3.0, 4.5), FOUR, SPEED, 9.80665)
+    none = np.empty((*s.valid.shape, 0))
+    assert whitener(s, fit([s]).noise)(none).shape == none.shape
+
+
 def test_a_missing_sample_says_nothing() -> None:
     s = signals_of(record(FOUR).window(3.0, 4.5), FOUR, SPEED, 9.80665)
     noise, rng = fit([s]).noise, np.random.default_rng(5)
