@@ -115,6 +115,7 @@ def diagnose_files(
     ------
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
+    from scenarios.preparation.plausibility import refuse_degrees, refuse_still
     from scenarios.vehicle_models import model_of_file
     from sim.effects.library import guards_for
 
@@ -128,10 +129,12 @@ def diagnose_files(
     full, fitted, predicted, notes = _read(records, validate, full, channels, plan or Plan())
     full = full.with_biases(_biased(full, fitted))
     own = read_effects(effects, full) if effects is not None else ()
-    held_out_from = None
+    held_out_from, whole = None, tuple(fitted)
     if not validate:
         first, last = hold_out(fitted[-1])
         fitted, predicted, held_out_from = [*fitted[:-1], first], [last], float(last.time[0])
+    refuse_degrees((*whole, *predicted) if validate else whole)
+    refuse_still(whole, full)
     candidates = candidates_for(full, own)
     run = trace or _loop()
     diagnosis = run(fitted, full, candidates, guards_for(full.equations), validation=predicted, settings=TraceSettings(), progress=progress)

@@ -91,7 +91,8 @@ def flow_sentence(record: Record, model: Model) -> str:
         return ""
     declared = model.parameters["airspeed"].value
     used = " and ".join(name for name in able(model) if name in record.output_names).replace("_", " ")
-    said = f"{record.name}: measured {used} used, {flow.speed.min():.4g} to {flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
+    speed = "" if "airspeed" in used else "which makes "
+    said = f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to {flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
     mean = float(np.mean(flow.speed))
     if abs(mean / declared - 1.0) > APART:
         said += "; so far from the declared one, is it a true airspeed, and its unit right?"

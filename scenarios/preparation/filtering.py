@@ -28,7 +28,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
 
     Raises
     ------
-    RecordError : a rate above the record's, a corner above half its rate, or too few samples.
+    RecordError : a rate above the record's, a corner above half its rate or below one period a record, or too few samples.
     """
     if plan.rate is None and plan.lowpass is None:
         return record, ""
@@ -69,10 +69,14 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
         if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
             remedy = "give a lower corner, or leave the option out"
             raise RecordError(f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz", where=record.name, remedy=remedy)
+        if plan.lowpass * (record.time[-1] - record.time[0]) < 1.0:
+            what = f"--lowpass {plan.lowpass:g} Hz leaves nothing of a record of {record.time[-1] - record.time[0]:.4g} s"
+            raise RecordError(what, where=record.name, remedy="give a higher corner, above the motion's own frequencies")
         corners.append(plan.lowpass)
     corner = min(corners)
     held = "; its inputs were held: loads that follow them at once are then read half a sample late" if record.hold is Hold.PREVIOUS else ""
-    return corner, f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} Hz, inputs linear since then{held}"
+    inputs = f", inputs linear since then{held}" if record.inputs else ""
+    return corner, f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} Hz{inputs}"
 
 
 def _even(time: np.ndarray, step: float) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim.errors import RecordError
 from sim.record import Channel, Record
 
 G0 = 9.80665  # m/s2
@@ -13,14 +14,19 @@ MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
 
 
 def with_load_factor(record: Record) -> tuple[Record, str]:
-    """The record with ``nz`` (g, positive up) in the place of ``az``, and a sentence on it, empty where nothing was done."""
+    """The record with ``nz`` (g, positive up) in the place of ``az``, and a sentence on it, empty where nothing was done.
+
+    Raises
+    ------
+    RecordError : az is that of inverted flight: most likely it is positive up in this file.
+    """
     if "az" not in record.output_names or "nz" in record.output_names:
         return record, ""
     az = record["az"]
     nz = Channel.of("nz", "g", np.where(az.valid, -az.values / G0, np.nan))
     outputs = tuple(nz if channel.name == "az" else channel for channel in record.outputs)
-    said = f"{record.name}: nz is -az/{G0:g}"
     level = float(np.median(nz.values[nz.valid]))
     if level < -1.0 / MIDDLE:
-        said += f"; its middle is {level:.2f} g: is az positive up in this file?"
-    return replace(record, outputs=outputs), said
+        what = f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} m/s2 in level flight"
+        raise RecordError(what, where=f"{record.name}, channel az", remedy="turn its sign, or hand it over as nz if it is positive up")
+    return replace(record, outputs=outputs), f"{record.name}: nz is -az/{G0:g}"

@@ -102,6 +102,7 @@ def test_samples_near_a_gap_are_missing_and_uneven_ones_are_laid_on_a_grid() -> 
     [
         (Plan(rate=60.0), ("--rate 60 Hz is above the record's 50 Hz",)),
         (Plan(lowpass=25.0), ("--lowpass 25 Hz is not below half the record's 50 Hz",)),
+        (Plan(lowpass=0.01), ("--lowpass 0.01 Hz leaves nothing of a record of",)),
     ],
 )
 def test_what_a_record_cannot_give_is_refused(plan: Plan, parts: tuple[str, ...]) -> None:
@@ -109,4 +110,4 @@ def test_what_a_record_cannot_give_is_refused(plan: Plan, parts: tuple[str, ...]
         filtered(sine(1.0), plan)
     assert all(part in str(told.value) for part in parts)
     with pytest.raises(RecordError, match="too few for a filter"):
-        filtered(sine(1.0, duration=0.5), Plan(lowpass=2.0))
+        filtered(sine(1.0, duration=0.5), Plan(lowpass=4.0))

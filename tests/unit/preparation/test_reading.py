@@ -53,8 +53,8 @@ def test_nz_that_is_there_is_taken_and_a_broken_az_is_not_looked_at(tmp_path: Pa
     alone, _ = with_load_factor(read_record(tmp_path / "alone.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
     assert alone["nz"].valid.tolist() == [True, False, True] and alone["nz"].values[[0, 2]].tolist() == [1.0, 2.0]
     (tmp_path / "up.csv").write_text("time,elevator,az [g]\n0,0,2\n1,0,2\n")
-    _, said = with_load_factor(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
-    assert "is az positive up" in said
+    with pytest.raises(RecordError, match=r"up.csv, channel az: the middle of az is \+19.6 m/s2, but az is positive down: -9.81"):
+        with_load_factor(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
 
 
 def test_further_channels_that_cannot_be_read_as_such_count_as_absent(tmp_path: Path) -> None:

@@ -1,0 +1,57 @@
+"""Records that no fit should start from are refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenarios.preparation.plausibility import refuse_degrees, refuse_still
+from sim.errors import RecordError
+from sim.record import Channel, Record
+from tests.oracles.falling_speed import fly_falling
+from tests.preparing import declared, record_of
+
+
+@pytest.fixture(scope="module")
+def sound() -> Record:
+    return record_of(fly_falling(weight=False, fall=0.0), rng=np.random.default_rng(0))
+
+
+def with_values(record: Record, name: str, values: np.ndarray) -> Record:
+    def changed(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
+        return tuple(Channel.of(c.name, c.unit, values) if c.name == name else c for c in channels)
+
+    return replace(record, inputs=changed(record.inputs), outputs=changed(record.outputs))
+
+
+def test_a_sound_record_passes(sound: Record) -> None:
+    refuse_still([sound], declared())
+    refuse_degrees([sound])
+
+
+def test_a_stuck_channel_is_named(sound: Record) -> None:
+    stuck = with_values(sound, "q", np.full(len(sound), 0.1))
+    with pytest.raises(RecordError, match="channel q: all samples are the same"):
+        refuse_still([sound, stuck], declared())
+
+
+def test_a_control_may_rest_in_some_records_but_not_in_all(sound: Record) -> None:
+    resting = with_values(sound, "elevator", np.full(len(sound), 0.02))
+    refuse_still([sound, resting], declared())
+    with pytest.raises(RecordError, match="the elevator never moves"):
+        refuse_still([resting, resting], declared())
+
+
+@pytest.mark.parametrize("name", ["alpha", "elevator"])
+def test_degrees_in_a_column_of_radians_are_noticed(sound: Record, name: str) -> None:
+    degrees = np.degrees(sound[name].values)
+    with pytest.raises(RecordError, match=f"channel {name}: it moves by .*{name}_deg"):
+        refuse_degrees([with_values(sound, name, degrees)])
+
+
+def test_single_wild_samples_are_left_to_the_search_for_spikes(sound: Record) -> None:
+    wild = sound["alpha"].values.copy()
+    wild[:3] = 50.0
+    refuse_degrees([with_values(sound, "alpha", wild)])
