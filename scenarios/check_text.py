@@ -26,8 +26,8 @@ def print_check(check: Check, out: Console | None = None) -> None:
         _print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
         if len(check.records) > 1:
             _print_by_record(out, result.single, result.joint)
-        noise = ", ".join(f"{name} {std:.3g}" for name, std in result.joint.noise_std.items())
-        print_paragraph(out, f"noise (1 sigma, SI): {noise}")
+        noise = ", ".join(f"{name} {std:.3g} {_unit(check, name)}" for name, std in result.joint.noise_std.items())
+        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {noise}")
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
     if result.cannot_tell:
@@ -109,6 +109,10 @@ def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRe
             )
         columns.append(Column(result.records[0], cells))
     print_table(out, "", columns[:1] + columns[1:3], columns[3:])
+
+
+def _unit(check: Check, name: str) -> str:
+    return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
 
 
 def _value(row: SensorEstimate, value: float, std: float) -> str:

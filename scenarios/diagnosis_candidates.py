@@ -35,10 +35,12 @@ def candidate_row(c: Candidate) -> tuple[str, ...]:
     parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
     remarks = [] if c.fitted else ["screened"]
     remarks += [] if c.plausible else ["implausible"]
-    remarks += [f"like {', '.join(c.collinear_with[:3])}"] if c.collinear_with else []
+    others = [name for name in c.collinear_with if name != c.name]  # another form of it is no alternative
+    remarks += [f"like {', '.join(others[:3])}"] if others else []
     remarks += [c.remark] if c.remark else []
     name = " + ".join((*c.within, c.name))
-    return str(c.round), name, f"{c.gain:.1f}", f"{c.p_value:.1g}", held, parameters, "; ".join(remarks)
+    chance = f"{c.p_value:.1g}" if c.p_value > 0.0 else "<1e-300"
+    return str(c.round), name, f"{c.gain:.1f}", chance, held, parameters, "; ".join(remarks)
 
 
 def _estimate(name: str, quantity: Quantity) -> str:

@@ -18,7 +18,7 @@ CAPTIONS = {
     "replication": "Parameters of the effects from each record by itself and from the fitted records together",
     "held_out": "Measured against predicted on data that were not fitted, and what each prediction leaves",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
-    "evidence": "What each candidate would bring",
+    "evidence": "What each candidate would bring; blue: claimed, filled: fitted in full, open: screened, an estimate to first order",
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
 from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis_evidence import record_labels
 from scenarios.diagnosis_figures import Pictured, Replicated, numbered
+from scenarios.effect_wording import UNDETERMINED, determined
 from scenarios.figure_process import Process, drawing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
@@ -90,10 +91,15 @@ def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
     rows = []
     for c in candidates:
         held = "" if c.held_out_change is None else repr(bounded(c.held_out_change))
-        parameters = "; ".join(f"{name} = {q.value:.6g} +- {q.std:.2g} {q.unit}" for name, q in c.parameters.items())
+        parameters = "; ".join(_cell(name, q) for name, q in c.parameters.items())
         numbers = [repr(bounded(c.gain)), repr(bounded(c.p_value)), str(int(c.fitted)), str(int(c.plausible)), held]
         rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters, c.remark])
     _write(path, header, rows)
+
+
+def _cell(name: str, q: Quantity) -> str:
+    told = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
+    return f"{name} = {told}"
 
 
 def _bounded(values: np.ndarray) -> np.ndarray:

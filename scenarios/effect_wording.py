@@ -43,7 +43,11 @@ SENTENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "sensor-lag": ("the {channel} is read with a lag of {time_constant}",),
         "sensor-delay": ("the {channel} is read {delay} late",),
         "sensor-drift": ("the reading of the {channel} drifts by {slope}",),
-        "sensor-spikes": ("the reading of the {channel} has spikes: {rest}", "the reading of the {channel} has spikes"),
+        "sensor-spikes": (
+            "the reading of the {channel} has {count_spikes} of about {size}",
+            "the reading of the {channel} has spikes: {rest}",
+            "the reading of the {channel} has spikes",
+        ),
     }
 )
 # What a member of a group is called beside others, by name without its channel.
@@ -65,6 +69,7 @@ MEMBERS: Mapping[str, str] = MappingProxyType(
         "sensor-delay": "delay",
     }
 )
+UNDETERMINED = "not determined by these data"
 _LATE = ("sensor-lag", "sensor-delay")
 _TIMES = ("time", "start", "begin", "duration")
 
@@ -108,6 +113,7 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
         time = next((displayed(quantity) for quantity in claim.parameters.values()), None)
         told = f"the {CHANNELS.get(channel, channel)} is read {_number(time[0], time[1])} s late" if time is not None else told
     members = [MEMBERS.get(name.partition(":")[0].partition("#")[0], name) if one_reading else name for name in names]
+    told = told.removesuffix(f" ({members[0]})")  # "(break-out)" once is enough
     return f"{told} ({', '.join(members[:-1])} or {members[-1]}: these records cannot tell)"
 
 
@@ -119,14 +125,16 @@ def parameter_text(claim: Claim, wording: Wording) -> str:
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
     """``"0.061 +- 0.001 s"``, angles in degrees, digits by the sigma; ``unit`` replaces the quantity's own."""
     value, std, text = displayed(quantity, name)
-    return value_text(value, std, text if unit is None else unit)
+    if name == "count":  # of events: a whole number
+        return f"{value:.0f}"
+    return value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
     """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such."""
     shown = _spaced(unit)
-    if not _known(value, std):
-        return f"{value:.3g}{shown} (not determined)"
+    if not determined(value, std):
+        return "not determined"
     digits = _digits(std)
     return f"{value:.{digits}f} +- {std:.{digits}f}{shown}" if digits < 7 else f"{value:.3g} +- {std:.2g}{shown}"
 
@@ -150,6 +158,9 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
         fields[f"{name}_direction"] = ("larger" if above else "smaller") if name == "change" else ("too large" if above else "too small")
         if quantity.unit == "rad/s":
             fields[f"{name}_hertz"] = f"{_number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))} Hz"
+    if "count" in claim.parameters:
+        count = round(claim.parameters["count"].value)
+        fields["count_spikes"] = f"{count} spike{'s' if count != 1 else ''}"
     rest = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in claim.parameters.items() if name not in _TIMES]
     return {**fields, "rest": ", ".join(rest)} if rest else fields
 
@@ -164,7 +175,7 @@ def _stick(claim: Claim, quantity: Quantity, wording: Wording) -> str | None:
 
 def _number(value: float, std: float) -> str:
     """The value with the digits that its sigma leaves, three at most."""
-    if not _known(value, std):
+    if not determined(value, std):
         return f"{value:.2g}"
     digits = max(0, -math.floor(math.log10(std)))
     return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"
@@ -176,8 +187,9 @@ def _digits(std: float) -> int:
     return max(0, -power + (1 if std / 10.0**power < 1.95 else 0))
 
 
-def _known(value: float, std: float) -> bool:
-    return 0.0 < std < math.inf and (value == 0.0 or std < 1e3 * abs(value) or abs(value) < 1e-3)
+def determined(value: float, std: float) -> bool:
+    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
+    return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
 
 
 def _spaced(unit: str) -> str:

@@ -57,10 +57,10 @@ def draw_study(study: Study, folder: Path) -> None:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
 
 
-def draw_identification(found: Identification, folder: Path) -> None:
-    """Draw the figures of a measured record's identification into ``folder``."""
+def draw_identification(found: Identification, measured: Record, folder: Path) -> None:
+    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded."""
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    save_figure(figure_record(found.record, title), folder, "record")
+    save_figure(figure_record(measured, title), folder, "record")
     response = response_of(estimate)
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
     save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")

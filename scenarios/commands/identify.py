@@ -31,6 +31,7 @@ def identify_record(
     """Read, identify, write the study, print."""
     from scenarios.files.channels import read_channel_map
     from scenarios.files.vehicles import read_vehicle
+    from scenarios.preparation.plausibility import refuse_degrees
     from scenarios.preparation.reading import prepare
     from scenarios.vehicle_models import model_of_file
 
@@ -43,6 +44,7 @@ def identify_record(
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = model == "loes" and method == "ekf"
     ready = prepare([path], model_of_file(vehicle), plan, choices, flow=not own)
+    refuse_degrees(ready.fitted)
     first, *others = ready.measured if own else ready.fitted
     found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes)
     if out is not None:
@@ -82,7 +84,7 @@ def _write(found: Identification, measured: Sequence[Record], path: Path, out: P
         if figures:
             from scenarios.study_figures import draw_identification
 
-            draw_identification(found, scratch)
+            draw_identification(found, measured[0], scratch)
         write_json(scratch / "comparison.json", identification_content(found, path))
 
 

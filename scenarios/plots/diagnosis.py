@@ -113,7 +113,9 @@ def figure_evidence(candidates: Sequence[Candidate], claimed: Sequence[str] = ()
             colour = BLUE if c.name in claimed else GREY
             length = max(c.gain, LEAST)
             panel.barh(place, length - LEAST, left=LEAST, height=0.68, color=colour if c.fitted else "white", edgecolor=colour, linewidth=0.9)
-            text = f"{c.gain:.3g}" + ("" if c.plausible else " implausible") + ("" if c.fitted else " screened")
+            remarks = (*(() if c.plausible else ("implausible",)), *(() if c.fitted else ("screened",)))
+            text = f"{c.gain:.0f}" if c.gain >= 99.5 else f"{c.gain:.3g}"
+            text += f" {', '.join(remarks)}" if remarks else ""
             panel.annotate(text, (length, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=TICK_SIZE - 1)
         panel.set_yticks(range(len(group)), [plain(c.name) for c in reversed(group)])
         panel.tick_params(axis="y", length=0)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis_candidates import candidate_rows
 from scenarios.diagnosis_text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
-from scenarios.effect_wording import SENTENCES, Wording, parameter_text, sentence, value_text
+from scenarios.effect_wording import SENTENCES, Wording, group_sentence, parameter_text, sentence, value_text
 from scenarios.separating import separating_maneuver
 from sim.effects.library import library
 from sim.tracing import Traceable
@@ -58,6 +58,25 @@ def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
     assert sentence(claim, Wording(own={"vane-upwash": "bent by {curvature}"})) == "bent by 2.0 1/rad"
     for template in ("{missing}", "{", "{0}", "{curvature.x}"):
         assert sentence(claim, Wording(own={"vane-upwash": template})).startswith("vane-upwash acts")
+
+
+def test_what_the_data_do_not_determine_is_said_in_words() -> None:
+    claim = Claim("actuator-saturation", {"limit": Quantity(0.0306, 290.0, "rad")})
+    assert parameter_text(claim, Wording()) == "limit not determined by these data"
+    assert parameter_text(replace(claim, parameters={"limit": Quantity(0.0002, 290.0, "rad")}), Wording()) == "limit not determined by these data"
+    assert value_text(-0.0002, 0.0007) == "-0.0002 +- 0.0007", "zero within its sigma is knowledge"
+
+
+def test_spikes_are_counted_in_whole_numbers() -> None:
+    claim = Claim("sensor-spikes:nz", {"count": Quantity(3.0, 0.5, "1"), "size": Quantity(0.052, 0.004, "g")})
+    assert sentence(claim, Wording()) == "the reading of the load factor has 3 spikes of about 0.052 g"
+    assert parameter_text(claim, Wording()) == "count 3, size 0.052 +- 0.004 g"
+
+
+def test_a_group_does_not_repeat_the_name_of_its_first_member() -> None:
+    claim = Claim("input-deadband", {"half_width": Quantity(math.radians(0.41), math.radians(0.02), "rad")}, ("control-nonlinearity",))
+    told = "the elevator sticks within +-0.41 deg of zero (break-out or curved control: these records cannot tell)"
+    assert group_sentence(claim, Wording()) == told
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e6))
