@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim.effect import Effect
+
+COLUMNS = 80  # of a terminal, which a list fits
 
 
 def list_scenarios() -> None:
@@ -25,13 +32,15 @@ def show_scenario(name: str) -> None:
 def show_effects(name: str | None) -> None:
     """All effects by station, or one in full."""
     from sim.effects.library import effect_names, find_effect
+    from sim.tracing import Refinable
 
     if name is None:
         names = effect_names()
         width = max(len(each) for each in names)
         for each in names:
             effect = find_effect(each)
-            print(f"{each:{width}}  {effect.station.value:12}  {_first_sentence(effect.explanation)}")
+            start = f"{each:{width}}  {effect.station.value:11}  "
+            print(start + textwrap.shorten(_first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."))
         return
     effect = find_effect(name)
     print(f"{effect.name}  ({effect.station.value})\n")
@@ -41,8 +50,13 @@ def show_effects(name: str | None) -> None:
         print(f"hard to tell from {', '.join(effect.aliases)}")
     print("\nparameters:")
     for item in effect.parameters:
-        low, high = item.bounds
-        print(f"  {item.name:20} {item.unit:8} start {item.value:g}, from {low:g} to {high:g}")
+        print(
+            f"  {item.name:20} {item.unit if item.unit != '1' else '-':8} start {item.value:.3g}{_range(item.bounds)}{_believed(effect, item.name)}"
+        )
+    if isinstance(effect, Refinable):
+        known = {item.name for item in effect.parameters}
+        more = [f"{item.name} ({item.unit})" if item.unit != "1" else item.name for item in effect.finer().parameters if item.name not in known]
+        print(f"\na freer form of it, tried where this one is found, adds {', '.join(more)}")
 
 
 def show_vehicles(name: str | None, other: str | None) -> None:
@@ -78,5 +92,18 @@ def show_vehicles(name: str | None, other: str | None) -> None:
     console().print(table)
 
 
-def _first_sentence(text: str) -> str:
-    return " ".join(text.split()).split(". ")[0].rstrip(".")
+def _first_clause(text: str) -> str:
+    return " ".join(text.split()).split(". ")[0].split(": ")[0].rstrip(".")
+
+
+def _range(bounds: tuple[float, float]) -> str:
+    low, high = bounds
+    if math.isfinite(low) and math.isfinite(high):
+        return f", from {low:g} to {high:g}"
+    return f", from {low:g} up" if math.isfinite(low) else f", up to {high:g}" if math.isfinite(high) else ""
+
+
+def _believed(effect: Effect, name: str) -> str:
+    """The range within which a value is believed without asking."""
+    ranges = getattr(effect, "plausible", {})
+    return f"; plausible {ranges[name][0]:g} to {ranges[name][1]:g}" if name in ranges else ""

@@ -34,10 +34,10 @@ def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, P
 
 
 def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
-    """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., the truth left out."""
+    """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., and ``record_vehicle.toml``; the truth left out."""
     from scenarios.files.writing import write_record
     from scenarios.library import load_document, scenario_file
-    from scenarios.standin.flight import fly_standin
+    from scenarios.standin.flight import fly_standin, vehicle_text
     from scenarios.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))
@@ -47,7 +47,9 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     names = [f"{out.stem}_{number}" for number in range(1, len(flight.records) + 1)]
     for stem, record in zip(names, flight.records, strict=True):
         write_record(out.parent, record, stem)
-    print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv")
+    vehicle = out.parent / f"{out.stem}_vehicle.toml"
+    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
+    print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv; for --vehicle: {vehicle.name}")
 
 
 def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:

@@ -254,8 +254,11 @@ def test_a_run_of_a_campaign_is_the_run_of_that_seed(flightid: CommandLine, tmp_
 def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     overview = flightid.done("effects")
     assert [line.split()[0] for line in overview.splitlines()] == list(effect_names())
+    assert max(len(line) for line in overview.splitlines()) <= 80
     one = flightid.done("effects", "input-delay")
     assert "input path" in one and "delay" in one and "absent when" in one
+    gust = flightid.done("effects", "gust-discrete")
+    assert "flat on top" in gust and "adds shape1 (m/s), shape2 (m/s), shape3 (m/s)" in gust and "inf" not in gust
     assert [line.split()[0] for line in flightid.done("vehicles").splitlines()] == list(vehicle_names())
     assert "288017 lb" in flightid.done("vehicles", "bomber_rigid")
     difference = flightid.done("vehicles", "bomber_ac1", "--diff", "bomber_rigid")

@@ -119,6 +119,15 @@ def test_scenario_keys_and_defaults_are_documented(title: str) -> None:
     assert documented(title) == {field.alias or name: shown(field.default) for name, field in model.model_fields.items()}
 
 
+def test_every_scenario_is_listed_with_its_title_and_fits_a_terminal(flightid: CommandLine) -> None:
+    text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    section = text.split("\n## The built-in ones\n")[1].split("\n## ")[0]
+    lines = flightid.done("list").splitlines()
+    listed = [line.split(maxsplit=1) for line in lines]
+    assert re.findall(r"^\| `(\S+)` \| (.*) \|$", section, re.MULTILINE) == [(name, title.strip()) for name, title in listed]
+    assert max(len(line) for line in lines) <= 80
+
+
 def test_every_choice_of_a_scenario_is_documented() -> None:
     text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
     for title, model in SECTIONS.items():

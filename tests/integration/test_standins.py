@@ -9,6 +9,7 @@ import pytest
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
+from scenarios.files.vehicles import read_vehicle
 from scenarios.library import load_document
 from scenarios.standin import study
 from scenarios.standin.campaign import fly_standin_campaign, shares
@@ -23,7 +24,9 @@ SHORT = ("--set", "flight.duration=8", "--set", "flight.records=[2,2]", "--set",
 def test_simulate_writes_all_records_of_the_flight(flightid: CommandLine, tmp_path: Path) -> None:
     said = flightid.done("simulate", "standin-none", "--seed", "3", "--out", str(tmp_path / "flight.csv"), *SHORT)
     assert "2 records of one flight: flight_1.csv to flight_2.csv" in said
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight_1.csv", "flight_1.json", "flight_2.csv", "flight_2.json"]
+    names = ["flight_1.csv", "flight_1.json", "flight_2.csv", "flight_2.json", "flight_vehicle.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert set(read_vehicle(tmp_path / "flight_vehicle.toml", "rigid").constants) >= {"mass", "chord", "airspeed"}
     record = read_record(tmp_path / "flight_1.csv", ["elevator"], ["alpha", "q", "nz"])
     assert record.hold is Hold.LINEAR and len(record) == 201
 

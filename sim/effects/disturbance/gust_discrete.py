@@ -46,7 +46,8 @@ class GustDiscrete:
         "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) between start and start + duration, the usual "
         "design gust. The air then comes from below by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the angle of "
         "attack as a state only follows. The vane jumps ahead of the pitch rate, which no control input can do. The length of the gust in the air "
-        "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good."
+        "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good. "
+        "Either has a freer form, with three shapes more: gusts that begin with a kink, rise faster than they fall, or are flat on top."
     )
 
     @property
