@@ -13,7 +13,10 @@ from sim.parameters import Parameter
 
 @dataclass(frozen=True)
 class StallingLift:
-    """lift -= ``loss`` alpha (alpha/``width``)^2 / (1 + (alpha/``width``)^2): the slope of CL falls by ``loss`` (1/rad) far beyond ``width`` (rad)."""
+    """lift -= ``loss`` alpha (alpha/``width``)^2 / (1 + (alpha/``width``)^2).
+
+    The slope of CL falls by ``loss`` (1/rad) far beyond ``width`` (rad).
+    """
 
     name: ClassVar[str] = "own:stalling-lift"
     station: ClassVar[Station] = Station.DYNAMICS

@@ -10,7 +10,7 @@ import pytest
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.tracing.hiding import find_term
 from scenarios.tracing_campaigns import drawn_aircraft
-from scenarios.tracing_examination import KINDS, Mark, Paper, _flown, _mark, _maneuvers, examine, summary
+from scenarios.tracing_examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
 from sim.effects.library import effect_names
 from sim.model import Model
 from tests.diagnoses import tracing_of
