@@ -104,6 +104,9 @@ def diagnose(
             # What does not help on data that were not fitted is not even a hint.
             best, out_after, effects = root, out_before, [effect for effect in effects if effect.name.startswith("sensor-spikes")]
         partial = stand_by_themselves(search, root, seen, kept)
+        if partial is not None and _no_better(out_before, partial.out):
+            # What replicates on the whole and yet predicts the data held out no better is left unsaid.
+            search.evidence, partial = [*search.evidence, *partial.evidence], None
         if partial is not None:
             search.evidence += partial.evidence
             spikes = [effect for effect in effects if effect.name.startswith("sensor-spikes")]
