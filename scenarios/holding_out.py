@@ -16,6 +16,7 @@ LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
 _REST = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
+_NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
 _REMEDY = "give another record with --validate, or use more of this one"
 
 
@@ -55,7 +56,7 @@ def _cut(record: Record) -> int:
         peak = float(away.max())
         if peak > 0.0:
             moved += (away / peak) ** 2 * weight
-            resting &= away <= _REST * peak
+            resting &= away <= max(_REST * peak, _NOISE * _scatter(channel.values))
     if not np.any(moved > 0.0):
         return int(inside[np.argmin(np.abs(time[inside] - time[0] - wanted * span))])
     over = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / moved.sum()
@@ -67,6 +68,11 @@ def _cut(record: Record) -> int:
     # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
     best = chosen[distance <= distance.min() + 0.02]
     return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
+
+
+def _scatter(values: np.ndarray) -> float:
+    """Standard deviation of the noise on an input, from the median of its steps; zero for one that is held."""
+    return float(1.4826 * np.median(np.abs(np.diff(values))) / np.sqrt(2.0))
 
 
 def _part(record: Record, rows: slice, word: str) -> Record:

@@ -25,6 +25,7 @@ from sim.effect import Effect
 from sim.record import Record
 
 LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below
+LITTLE = 0.05  # of the best candidate's gain
 DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
 
 
@@ -66,8 +67,9 @@ def with_held_out_change(
 ) -> list[Candidate]:
     """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
 
-    Events are left out: they would have to be looked for anew in each held-out record.
+    Events are left out: they would have to be looked for anew in each held-out record; and so are those that bring little beside another.
     """
+    most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
     done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
 
     def level(names: frozenset[str]) -> float | None:
@@ -81,7 +83,7 @@ def with_held_out_change(
     out = []
     for candidate in evidence:
         names = frozenset(candidate.within)
-        after = level(names | {candidate.name}) if candidate.fitted else None
+        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > LITTLE * most else None
         base = level(names) if after is not None else None
         change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
         out.append(replace(candidate, held_out_change=change))

@@ -82,7 +82,17 @@ def _claim(node: Node, item: Stood) -> Claim:
         {member.effect.name: _derivatives(member.node) for member in members},
     )
     alternatives = tuple(other.effect.name for other in item.others[:ALTERNATIVES])
-    return Claim(best.effect.name, own_quantities(node, best.effect), alternatives, True, (), best.effect.explanation, evidence)
+    found = {
+        name: _scattered(quantity, [own[name].value for own in best.replication.values])
+        for name, quantity in own_quantities(node, best.effect).items()
+    }
+    return Claim(best.effect.name, found, alternatives, True, (), best.effect.explanation, evidence)
+
+
+def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:
+    """A quantity with a sigma not below what the scatter between records leaves of their mean."""
+    floor = float(np.std(values, ddof=1)) / np.sqrt(len(values)) if len(values) >= FEWEST else 0.0
+    return Quantity(quantity.value, max(quantity.std, floor), quantity.unit)
 
 
 def _derivatives(node: Node) -> dict[str, Quantity]:

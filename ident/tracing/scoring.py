@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ident.residuals import ljung_box
@@ -49,9 +51,15 @@ def _over_parent(parent: Node, child: Node, r: int) -> np.ndarray:
 
 def is_white(node: Node, least: float = 1e-3) -> bool:
     """Whether no channel's residual shows correlation: no p-value below ``least``."""
-    names = node.system.output_names
-    return all(
-        ljung_box(residual[i], problem.valid[i], name).p_value > least
-        for problem, residual in zip(node.fit.layout.problems, node.fit.residuals, strict=True)
-        for i, name in enumerate(names)
-    )
+    return all(p_value > least for p_value in _whiteness(node))
+
+
+def is_coloured_throughout(node: Node, least: float) -> bool:
+    """Whether every channel of every record shows correlation, each with a p-value below ``least``."""
+    return all(p_value < least for p_value in _whiteness(node))
+
+
+def _whiteness(node: Node) -> Iterator[float]:
+    for problem, residual in zip(node.fit.layout.problems, node.fit.residuals, strict=True):
+        for i, name in enumerate(node.system.output_names):
+            yield ljung_box(residual[i], problem.valid[i], name).p_value

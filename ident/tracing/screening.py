@@ -19,7 +19,7 @@ from sim.errors import ModelError
 from sim.tracing import Occasion, Probe, fitted_to
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
-COARSE = 0.02  # s, a sub-step that ranks candidates well enough
+COARSE = 0.025  # s, a sub-step that ranks candidates well enough
 PLACES = 60  # over the record, for effects that may begin anywhere
 
 

@@ -10,10 +10,11 @@ from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
 from ident.tracing.node import Node, guards_among
-from ident.tracing.scoring import is_white
+from ident.tracing.scoring import is_coloured_throughout, is_white
 from ident.tracing.search_state import Search
 from sim.tracing import Refinable
 
+GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
 DOMINANT = 3.0  # times what the best single cause brings: random motion that brings so much is no stand-in for a cause
 
 
@@ -119,7 +120,9 @@ def look_back(search: Search, node: Node) -> Node:
 
 
 def refined(search: Search, node: Node) -> Node:
-    """The same set fitted to the end, in its freer form where that brings enough."""
+    """The same set fitted to the end, in its freer form where that brings enough; as it is where no channel is anywhere near noise."""
+    if is_coloured_throughout(node, GROSSLY):
+        return node
     again = search.fit(node.effects, node)
     best = again if again is not None and again.fit.cost <= node.fit.cost + 1e-6 else node
     score = search.score(node) - 2.0 * (node.fit.cost - best.fit.cost)
