@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.filter_error import noise_levels, one_step_prediction
-from ident.process_noise import is_forced
+from ident.filter_error import noise_levels
 from ident.tracing.acceptance import HeldOut
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.node import Node, is_event
@@ -38,10 +37,9 @@ def spike_masks(search: Search, node: Node) -> list[np.ndarray]:
 def spike_claims(search: Search, node: Node) -> tuple[list[np.ndarray], list[Claim]]:
     """Final masks, rebuilt from zero on the node's residuals, and the spikes to claim."""
     measured = measured_masks(search.records, search.outputs)
-    problems, lines = node.fit.layout.problems, node.fit.lines
-    # With random motion a sample is wrong against what the samples before it say, not against a simulation.
-    expected = [one_step_prediction(node.fit, r) if is_forced(node.system) else line.y for r, line in enumerate(lines)]
-    residuals = [np.where(valid, problem.z - y, 0.0) for valid, problem, y in zip(measured, problems, expected, strict=True)]
+    residuals = [
+        np.where(valid, problem.z - line.y, 0.0) for valid, problem, line in zip(measured, node.fit.layout.problems, node.fit.lines, strict=True)
+    ]
     blocked = [_near_events(node, r, record) for r, record in enumerate(search.records)]
     masks, spikes = final_spikes(search.records, search.outputs, residuals, measured, blocked)
     units = {signal.name: signal.unit for signal in node.system.outputs}
