@@ -20,6 +20,7 @@ from ident.tracing.acceptance import HeldOut, error_figures, held_out, predictio
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.expansion import quantities, records_of
+from ident.tracing.form import form_spread
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
 from ident.tracing.partial import Partial, scatter_between, stand_by_themselves
@@ -31,6 +32,8 @@ from sim.effect import Effect
 from sim.errors import ModelError
 from sim.model import Model
 from sim.record import Record
+
+_NONE: Mapping[str, float] = MappingProxyType({})
 
 
 def diagnose(
@@ -195,7 +198,7 @@ def _diagnosis(
         verdict,
         tuple(effects),
         _derivatives(search, root),
-        _derivatives(search, best, scatter),
+        _derivatives(search, best, scatter, form_spread(search, best)),
         _derived(root),
         _derived(best),
         error_figures([p.before for p in predictions], shown, masks, channels),
@@ -227,12 +230,19 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
 
 
-def _derivatives(search: Search, node: Node, scatter: Mapping[str, float] = MappingProxyType({})) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with corrected sigmas; none below what the scatter between records leaves of a mean."""
-    estimate = _estimate(node)
+def _derivatives(search: Search, node: Node, scatter: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
+    """Shared parameters of the declared model, with corrected sigmas; none below what the scatter between records leaves of a mean.
+
+    ``form`` is what the form of an effect leaves open, added in squares.
+    """
+    estimate, count = _estimate(node), len(search.records)
     declared = set(search.model.parameters.names)
+
+    def sigma(name: str, std: float) -> float:
+        return max(float(np.hypot(std, form.get(name, 0.0))), scatter.get(name, 0.0) / float(np.sqrt(count)), 1e-300)
+
     return {
-        name: Quantity(float(value), max(float(std), scatter.get(name, 0.0) / np.sqrt(len(search.records)), 1e-300), unit)
+        name: Quantity(float(value), sigma(name, float(std)), unit)
         for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
         if name in declared
     }

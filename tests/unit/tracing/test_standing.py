@@ -10,6 +10,7 @@ import pytest
 from ident.fit_layout import FitSettings
 from ident.output_error import fit_covariance
 from ident.tracing.acceptance import held_out
+from ident.tracing.form import form_spread
 from ident.tracing.node import Node
 from ident.tracing.reduction import reduction
 from ident.tracing.replication import Flight, replicate
@@ -17,6 +18,7 @@ from ident.tracing.settings import TraceSettings
 from ident.tracing.standing import standing_effects, without_record
 from scenarios.preparing import about_trim
 from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -134,3 +136,17 @@ def test_settings_for_replication_are_those_of_a_search() -> None:
     node = flight.fit((), [0], None)
     assert node is not None and node.fit.layout.settings.max_step == FitSettings(max_step=0.04).max_step
     assert not any(isinstance(effect, GustDiscrete) for effect in node.effects)
+
+
+def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
+    """A moment that bends more sharply than four shapes follow: the slope at trim moves with the form; a delay has one form only."""
+    bend = MomentNonlinearity(-0.12, 0.12)
+    values = {f"moment-nonlinearity.{name}": 0.0 for name in bend.absent}
+    sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {"moment-nonlinearity.shape6": 0.01}
+    record = planted([bend.finer()], sharp, 1)
+    search = search_of([record])
+    node = fitted(search, (bend,), None, values)
+    spread = form_spread(search, node)
+    assert set(spread) <= set(declared().parameters.names) and spread["Cm_alpha"] > 0.0
+    plain = search_of([planted([], None, 1)])
+    assert form_spread(plain, fitted(plain, (LATE,))) == {}
