@@ -80,7 +80,7 @@ def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]
             lags = max(5, len(row) // 5)
             covariance = autocovariance(np.where(known, row, 0.0), lags)
             rho = covariance[1:] / covariance[0]
-            # White noise has squares of 1/N at every lag, which are no correlation.
-            excess = max(0.0, float(np.sum(rho**2)) - lags / count)
+            # Estimates scatter by (1 + 2 excess)/N at every lag, which is no correlation.
+            excess = max(0.0, (float(np.sum(rho**2)) - lags / count) / (1.0 + 2.0 * lags / count))
             weight, total = weight + count, total + count / (1.0 + 2.0 * excess)
     return total / weight if weight > 0 else 1.0

@@ -14,6 +14,7 @@ from ident.colour import autocovariance
 from ident.fit import Fit
 
 ORDER = 12
+SILENT = 1e-300  # variance of a residual that is exactly zero
 
 
 def coloured_gain(before: Sequence[Fit], after: Sequence[Fit]) -> float:
@@ -41,7 +42,7 @@ def innovation_level(residual: np.ndarray, valid: np.ndarray) -> float:
     covariance = autocovariance(series, ORDER) * len(series) / count
     variance, coefficients = float(covariance[0]), np.zeros(0)
     if variance <= 0.0:
-        return -np.inf
+        return float(np.log(SILENT))
     best = np.log(variance)
     for order in range(1, ORDER + 1):
         reflection = (covariance[order] - coefficients @ covariance[order - 1 : 0 : -1]) / variance if order > 1 else covariance[1] / variance

@@ -1,0 +1,40 @@
+"""The colour of residuals: innovations of known autoregressions, and how many samples count."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.colour import effective_share
+from ident.tracing.coloured import innovation_level
+
+
+def autoregression(coefficients: tuple[float, ...], std: float, n: int = 6000, seed: int = 1) -> np.ndarray:
+    """x[k] = sum_i a_i x[k - i] + e[k], written out; its beginning left out."""
+    rng = np.random.default_rng(seed)
+    x = np.zeros(n + 500)
+    for k in range(len(coefficients), len(x)):
+        x[k] = sum(a * x[k - i] for i, a in enumerate(coefficients, start=1)) + std * rng.standard_normal()
+    return x[500:]
+
+
+@pytest.mark.parametrize("coefficients", [(), (0.9,), (1.6, -0.8), (0.5, 0.2, -0.4)])
+def test_innovations_of_an_autoregression_are_what_drives_it(coefficients: tuple[float, ...]) -> None:
+    series = autoregression(coefficients, 0.3)
+    level = innovation_level(series, np.ones(len(series), dtype=bool))
+    assert level == pytest.approx(2.0 * np.log(0.3), abs=0.06)
+
+
+def test_missing_samples_and_silence_do_no_harm() -> None:
+    series, rng = autoregression((0.9,), 1.0), np.random.default_rng(2)
+    valid = rng.random(len(series)) > 0.05
+    assert np.isfinite(innovation_level(np.where(valid, series, 1e9), valid))
+    assert np.isfinite(innovation_level(np.zeros(100), np.ones(100, dtype=bool)))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_share_of_samples_that_count_follows_bartlett(rho: float) -> None:
+    """1/(1 + 2 sum rho^2k) = (1 - rho^2)/(1 + rho^2) for a first-order colour."""
+    series = autoregression((rho,), 1.0)[None]
+    share = effective_share([series], [np.ones(series.shape, dtype=bool)])
+    assert share == pytest.approx((1.0 - rho**2) / (1.0 + rho**2), rel=0.2)
