@@ -132,6 +132,11 @@ def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity
     """The same for every record; alike where the parameters are shared."""
     normal, _ = node.fit.normal_equations()
     covariance, _ = inverse_information(normal, node.fit.theta)
+    return quantities_with(node, effect, covariance)
+
+
+def quantities_with(node: Node, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
+    """An effect's parameters in each record of a node, with sigmas from a covariance ``(n, n)`` of all unknowns."""
     places = {name: i for i, name in enumerate(node.fit.layout.names)}
     out: list[dict[str, Quantity]] = []
     for r in range(len(node.fit.layout.problems)):

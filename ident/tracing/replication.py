@@ -10,6 +10,7 @@ import numpy as np
 from ident.fit_layout import FitSettings
 from ident.output_error import fit_covariance
 from ident.tracing.diagnosis import Quantity
+from ident.tracing.expansion import quantities_with
 from ident.tracing.node import Node, Values, fit_set
 from ident.tracing.settings import TraceSettings
 from sim.effect import Effect, full_name
@@ -76,17 +77,7 @@ def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
 def by_record(node: Node, effect: Effect) -> tuple[dict[str, Quantity], ...]:
     """An effect's parameters in each record of a fit, with sigmas corrected for coloured residuals; alike where they are shared."""
     covariance, _ = fit_covariance(node.fit)
-    places = {name: i for i, name in enumerate(node.fit.layout.names)}
-    out = []
-    for r in range(len(node.fit.layout.problems)):
-        found = {}
-        for item in effect.parameters:
-            full = full_name(effect, item.name)
-            at = places.get(full, places.get(f"{full}, record {r + 1}"))
-            if at is not None:
-                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
-        out.append(found)
-    return tuple(out)
+    return tuple(quantities_with(node, effect, covariance))
 
 
 def stands_off(node: Node, effect: Effect) -> float:
