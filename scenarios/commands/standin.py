@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -62,7 +63,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
 
     standin = standin_of(*load_document(name, changes))
     with named_after(scenario_file(name)), progress_bar() as progress:
-        judged = fly_standin_campaign(standin, runs, seed, progress)
+        judged = fly_standin_campaign(standin, runs, seed, progress, os.cpu_count() or 1)
     print(campaign_text(standin, judged), end="")
     if out is not None:
         write_campaign(standin, judged, out)

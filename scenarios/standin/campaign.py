@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.tracing.diagnosis import Claim
 from scenarios.standin.declaration import StandIn
 from scenarios.standin.pseudo_true import PseudoTrue, pseudo_true
 from scenarios.standin.study import Naming, Progress, StandInStudy, run_standin
@@ -22,12 +24,14 @@ SPREAD = 1_000_003  # between the seeds of flights and those of their pseudo-tru
 class Judged:
     """One flight: what was hidden and how it was named, what was claimed falsely, whether the held-out error grew by more than its scatter.
 
-    ``errors`` by derivative: estimate minus pseudo-true over the reported sigma; ``bias``: pseudo-true minus nominal, a share of it; both
-    empty where pseudo-true values were not asked for or could not be fitted.
+    ``claimed`` : claims and hints (these in parentheses) with their alternatives. ``errors`` by derivative: estimate minus pseudo-true over
+    the reported sigma; ``bias``: pseudo-true minus nominal, a share of it; both empty where pseudo-true values were not asked for or could
+    not be fitted.
     """
 
     seed: int
     verdict: str
+    claimed: tuple[str, ...]
     named: tuple[tuple[str, Naming], ...]
     false: tuple[str, ...]
     small: tuple[str, ...]
@@ -54,7 +58,13 @@ def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage,
     limit = reference(study) if standin.draws else None
     errors = {row.name: (row.after.value - limit.values[row.name]) / row.after.std for row in study.derivatives} if limit else {}
     bias = {row.name: limit.bias(row.name) for row in study.derivatives} if limit else {}
-    return Judged(seed, study.tracing.diagnosis.verdict.value, study.named, study.false, study.small, worsened(study), errors, bias)
+    d = study.tracing.diagnosis
+    return Judged(seed, d.verdict.value, tuple(map(_said, d.effects)), study.named, study.false, study.small, worsened(study), errors, bias)
+
+
+def _said(claim: Claim) -> str:
+    group = "/".join((claim.name, *claim.alternatives))
+    return group if claim.claimed else f"({group})"
 
 
 def reference(study: StandInStudy) -> PseudoTrue | None:
@@ -80,14 +90,31 @@ def worsened(study: StandInStudy) -> bool:
     return bool(np.mean(changes) > SIGMAS * np.std(changes, ddof=1) / np.sqrt(len(changes)))
 
 
-def fly_standin_campaign(standin: StandIn, runs: int, seed: int | None = None, progress: Progress = lambda stage, share: None) -> tuple[Judged, ...]:
-    """Flights of seeds one after another."""
+def fly_standin_campaign(
+    standin: StandIn, runs: int, seed: int | None = None, progress: Progress = lambda stage, share: None, workers: int = 1
+) -> tuple[Judged, ...]:
+    """Flights of seeds one after another, or shared out among ``workers`` processes; the result does not depend on their number."""
     first = standin.seed if seed is None else seed
+    seeds = range(first, first + runs)
     judged = []
-    for number in range(runs):
-        progress(f"flight {number + 1} of {runs}", number / runs)
-        judged.append(judge_flight(standin, first + number))
-    return tuple(judged)
+
+    def tell(flight: Judged) -> None:
+        judged.append(flight)
+        progress(f"{len(judged)} of {runs} flights", len(judged) / runs)
+
+    progress(f"flying {runs} flights", 0.0)
+    if workers < 2:
+        for each in seeds:
+            tell(judge_flight(standin, each))
+        return tuple(judged)
+    with ProcessPoolExecutor(min(workers, runs)) as pool:
+        futures = [pool.submit(judge_flight, standin, each) for each in seeds]
+        try:
+            for future in as_completed(futures):
+                tell(future.result())
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return tuple(sorted(judged, key=lambda flight: flight.seed))
 
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:

@@ -53,10 +53,10 @@ def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path) 
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["seed", "verdict", "hidden", "named", "false_claims", "small_claims", "worse"])
+        writer.writerow(["seed", "verdict", "hidden", "named", "said", "false_claims", "small_claims", "worse"])
         for flight in judged:
-            hidden, how = " + ".join(name for name, _ in flight.named), " + ".join(each.name.lower() for _, each in flight.named)
-            writer.writerow([flight.seed, flight.verdict, hidden, how, " + ".join(flight.false), " + ".join(flight.small), int(flight.worse)])
+            lists = ([name for name, _ in flight.named], [each.name.lower() for _, each in flight.named], flight.claimed, flight.false, flight.small)
+            writer.writerow([flight.seed, flight.verdict, *(" + ".join(names) for names in lists), int(flight.worse)])
         (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8")
         found = {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares(judged).items()}
         content = {

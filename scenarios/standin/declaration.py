@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
-_NONE: Mapping[str, float] = MappingProxyType({})
 Span = tuple[float, float]
 
 MEASURED = ("alpha", "q", "nz")
@@ -53,7 +51,7 @@ class Causes:
     airspeed_scatter: float = 0.0
     density_scatter: float = 0.0
     trim_scatter: float = 0.0
-    noise_std: Mapping[str, float] = field(default_factory=lambda: _NONE)
+    noise_std: Mapping[str, float] = field(default_factory=dict)
     noise_time: float = 0.05
 
 

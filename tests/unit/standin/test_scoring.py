@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -98,9 +99,21 @@ def test_worse_means_by_more_than_the_scatter_of_the_error(after: float, worse: 
 
 
 JUDGED = (
-    Judged(1, "partial", (("vane-offset", Naming.ALONE),), (), ("gust-turbulence",), False, {"CL_q": 1.0, "Cm_q": -3.0}, {"CL_q": 0.1, "Cm_q": 0.3}),
-    Judged(2, "partial", (("vane-offset", Naming.IN_GROUP),), ("input-delay",), (), True, {"CL_q": -1.9, "Cm_q": 0.0}, {"CL_q": -0.1, "Cm_q": 0.5}),
-    Judged(3, "unexplained", (("input-delay", Naming.MISSED),), (), (), False, {}, {}),
+    Judged(
+        1,
+        "partial",
+        ("vane-offset",),
+        (("vane-offset", Naming.ALONE),),
+        (),
+        ("gust-turbulence",),
+        False,
+        {"CL_q": 1.0, "Cm_q": -3.0},
+        {"CL_q": 0.1, "Cm_q": 0.3},
+    ),
+    Judged(
+        2, "partial", (), (("vane-offset", Naming.IN_GROUP),), ("input-delay",), (), True, {"CL_q": -1.9, "Cm_q": 0.0}, {"CL_q": -0.1, "Cm_q": 0.5}
+    ),
+    Judged(3, "unexplained", (), (("input-delay", Naming.MISSED),), (), (), False, {}, {}),
 )
 
 
@@ -137,7 +150,17 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     assert "seed 7: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
     write_campaign(short(EVERY), judged, tmp_path / "c")
     assert (tmp_path / "c" / "campaign.json").is_file()
-    assert (tmp_path / "c" / "flights.csv").read_text().splitlines()[1].startswith("7,partial,,,sensor-lag:alpha + sensor-scale:nz")
+    row = next(csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines()))
+    assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == ("7", "partial", "", "sensor-lag:alpha + sensor-scale:nz")
+    assert row["said"].startswith("sensor-lag:alpha")
+
+
+def test_a_campaign_shared_out_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.PARTIAL))
+    flown, told = replace(short(EVERY, step=0.02), draws=0), []
+    shared_out = fly_standin_campaign(flown, 3, 7, lambda stage, share: told.append(share), workers=2)
+    assert shared_out == fly_standin_campaign(flown, 3, 7)
+    assert told == sorted(told) and told[-1] == 1.0
 
 
 def test_without_draws_there_are_no_pseudo_true_values(monkeypatch: pytest.MonkeyPatch) -> None:
