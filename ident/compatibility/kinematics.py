@@ -86,12 +86,18 @@ def _increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarr
 
 
 def _samples(s: Signals, name: str, value: Values) -> np.ndarray:
-    """The true signal at the samples, lateness left out: ``(P, N)``."""
-    return np.asarray((s.channels[name] - value(name, BIAS) - value(name, DRIFT) * (s.time - s.time[0])) / (1.0 + value(name, SCALE)))
+    """The true signal at the samples from its faulty reading: ``(P, N)``."""
+    read, t = s.channels[name][None], s.time
+    delay, lag = value(name, DELAY), value(name, LAG)
+    if np.any(lag):
+        read = read + lag * _slopes(read, t)
+    if np.any(delay):
+        read = _shifted(t, read, _slopes(read, t), delay)
+    return np.asarray((read - value(name, BIAS) - value(name, DRIFT) * (t - t[0])) / (1.0 + value(name, SCALE)))
 
 
 def _read(s: Signals, name: str, state: np.ndarray, value: Values, speed: np.ndarray) -> np.ndarray:
-    """What the sensor of a state shows: arm, lag, delay, scale, bias and drift, in the order of the signal."""
+    """What the sensor of a state shows: arm (with the true pitch rate), lag, delay, scale, bias and drift, in the order of the signal."""
     y, t = state, s.time
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):

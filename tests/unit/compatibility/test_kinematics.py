@@ -50,6 +50,14 @@ def test_a_fault_is_found_in_its_true_size(fault: SensorFault, sensors: Sensors,
     assert found.sizes[0] == pytest.approx(size, rel=0.04)
 
 
+@pytest.mark.parametrize(("kind", "size"), [("scale", -0.2), ("delay", 0.12), ("lag", 0.12)])
+def test_the_arm_of_the_vane_multiplies_the_true_pitch_rate(kind: str, size: float) -> None:
+    faulty = Sensors(arm=12.0, scale={"q": 1.0 + size}) if kind == "scale" else Sensors(arm=12.0, **{kind: {"q": size}})
+    s = signals_of(record(ALL, faulty, rate=50.0, noise=1e-3), ALL, SPEED, 9.80665)
+    found = fit([s], [SensorFault("q", kind), SensorFault("alpha", "arm")], fit([s]))
+    assert found.sizes == pytest.approx([size, 12.0], rel=0.02)
+
+
 @settings(max_examples=25)
 @given(st.sampled_from(["scale", "delay", "lag", "drift", "bias"]), st.sampled_from(ALL), st.floats(0.001, 0.04))
 def test_a_fault_of_size_zero_changes_nothing_and_the_slope_is_that_of_small_sizes(kind: str, channel: str, size: float) -> None:
