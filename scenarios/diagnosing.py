@@ -1,4 +1,4 @@
-"""The tracing loop on files: records, vehicle and candidates put together, the last part of a record held out where no other is named."""
+"""The tracing loop on files: records, vehicle and candidates put together, something held out where no record is named for it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
@@ -14,12 +14,15 @@ from scenarios.candidates import candidates_for, read_effects
 from scenarios.diagnosis_kinematics import Kinematics, kinematics_of
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.holding_out import hold_out
+from scenarios.holding_out import split_off
 from scenarios.preparation.plan import Plan
 from sim.effect import Effect
 from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
 from sim.record import Record
+
+if TYPE_CHECKING:
+    from scenarios.preparation.reading import Prepared
 
 KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
 MODELS = ("ballistic", "rigid", "flexible", "loes")
@@ -51,7 +54,7 @@ class InputFile:
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty where a part of a record was held out, ``effects`` where none was named."""
+    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was held out, ``effects`` where none was named."""
 
     records: tuple[InputFile, ...]
     validation: tuple[InputFile, ...]
@@ -64,9 +67,9 @@ class Tracing:
     """A diagnosis with what it was made from.
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
-    record was cut, None where records for validation were named. ``explanations`` by effect name; ``sentences`` likewise, for
-    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each. ``kinematics``: what they say
-    without any aerodynamics, None where it was not asked.
+    record was cut, None where whole records were predicted. ``explanations`` by effect name; ``sentences`` likewise, for
+    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
+    the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     """
 
     diagnosis: Diagnosis
@@ -79,6 +82,7 @@ class Tracing:
     explanations: dict[str, str] = field(default_factory=dict)
     sentences: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
 
     @property
@@ -104,8 +108,8 @@ def diagnose_files(
     ----------
     records : files that are fitted. model : one of ``MODELS``.
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
-    validate : files that are predicted, whole. Without any, the last part of the last record is held out (``hold_out``): all
-        maneuvers stay in the fit, and who wants a whole record held out names it here.
+    validate : files that are predicted, whole. Without any, the last of several records is held out, and the last part of a single one
+        (``split_off``).
     effects : a user's Python file; it is run.
     channels : a channel map, for all records.
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared; None: whole, as the data say.
@@ -115,7 +119,7 @@ def diagnose_files(
     ------
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
-    from scenarios.preparation.plausibility import refuse_degrees, refuse_still
+    from scenarios.preparation.plausibility import refuse_degrees, refuse_still, refuse_unpredictable
     from scenarios.vehicle_models import model_of_file
     from sim.effects.library import guards_for
 
@@ -126,15 +130,20 @@ def diagnose_files(
     progress("reading", 0.0)
     declared = read_vehicle(vehicle_path, model)
     full = model_of_file(declared).with_noise(Noise())
-    full, fitted, predicted, notes = _read(records, validate, full, channels, plan or Plan())
-    full = full.with_biases(_biased(full, fitted))
+    plan = plan or Plan()
+    ready = _read(records, validate, full, channels, plan)
+    whole, predicted, notes = ready.fitted, ready.validation, ready.notes
+    full = ready.model.with_biases(_biased(ready.model, whole))
     own = read_effects(effects, full) if effects is not None else ()
-    held_out_from, whole = None, tuple(fitted)
+    fitted, held_out_from, files = whole, None, (records, validate)
     if not validate:
-        first, last = hold_out(fitted[-1])
-        fitted, predicted, held_out_from = [*fitted[:-1], first], [last], float(last.time[0])
-    refuse_degrees((*whole, *predicted) if validate else whole)
+        split = split_off(whole, full)
+        fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
+        if held_out_from is None and len(plan.segments) == 1:
+            files = (records[:-1], records[-1:])
+    refuse_degrees((*whole, *ready.validation))
     refuse_still(whole, full)
+    refuse_unpredictable(ready.validation, full)
     candidates = candidates_for(full, own)
     run = trace or _loop()
     diagnosis = run(fitted, full, candidates, guards_for(full.equations), validation=predicted, settings=TraceSettings(), progress=progress)
@@ -142,13 +151,14 @@ def diagnose_files(
         diagnosis,
         declared,
         full,
-        tuple(fitted),
-        tuple(predicted),
-        Inputs(_named(records), _named(validate), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
+        fitted,
+        predicted,
+        Inputs(_named(files[0]), _named(files[1]), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
         held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
         notes,
+        ready.doubts,
         _kinematics(declared, diagnosis, [*fitted, *predicted]),
     )
 
@@ -167,22 +177,19 @@ def _loop() -> Trace:
     return diagnose
 
 
-def _read(
-    records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, plan: Plan
-) -> tuple[Model, list[Record], list[Record], tuple[str, ...]]:
+def _read(records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, plan: Plan) -> Prepared:
     from scenarios.files.channels import read_channel_map
     from scenarios.preparation.reading import prepare
 
     ready = prepare(records, model, plan, read_channel_map(channels) if channels is not None else None, validate)
-    fitted, predicted = list(ready.fitted), list(ready.validation)
-    _same_stick([*fitted, *predicted])
-    measured = {name for record in fitted for name in record.output_names}
-    for record in predicted:
+    _same_stick([*ready.fitted, *ready.validation])
+    measured = {name for record in ready.fitted for name in record.output_names}
+    for record in ready.validation:
         if not measured.intersection(record.output_names):
             known = ", ".join(sorted(measured))
             what = f"none of the fitted channels ({known}) is measured here"
             raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
-    return ready.model, fitted, predicted, ready.notes
+    return ready
 
 
 def _same_stick(records: Sequence[Record]) -> None:

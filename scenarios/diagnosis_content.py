@@ -53,7 +53,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "residual_tests": {"before": [_test(test) for test in d.tests_before], "after": [_test(test) for test in d.tests_after]},
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
-        "warnings": [*warnings_of(tracing), *_undetermined(d)],
+        "warnings": [*tracing.doubts, *warnings_of(tracing), *_undetermined(d)],
         "notes": list(tracing.notes),
         "advice": verdict_advice(tracing),
         "inputs": _inputs(tracing),
@@ -183,4 +183,5 @@ def _inputs(tracing: Tracing) -> dict[str, Any]:
     }
     if inputs.effects:
         out |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+    out |= {"held_out": [record.name for record in tracing.validation]}
     return out | ({"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {})

@@ -23,6 +23,7 @@ def diagnosis_text(tracing: Tracing) -> str:
     d = tracing.diagnosis
     blocks = [
         [subject(tracing), f"{d.verdict.value.upper()}: {d.verdict.sentence}", *_wrapped(headline(tracing))],
+        [line for doubt in tracing.doubts for line in _wrapped(f"warning: {doubt}")],
         _effect_lines(tracing),
         _kinematic_lines(tracing),
         table(

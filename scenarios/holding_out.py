@@ -1,23 +1,67 @@
-"""Which part of a record is kept out of the fit when the user names no record for that."""
+"""What is kept out of the fit when the user names no record for that: the last of several records, the last part of a single one."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenarios.preparation.plausibility import moves, why_unpredictable
 from scenarios.preparation.ports import PORTS
 from sim.errors import RecordError
+from sim.model import Model
 from sim.record import Record
 
 SHARE = 0.3  # of the excitation
 EARLIEST, LATEST = 0.1, 0.8  # of the duration
 LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
+REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
 _REST = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
 _NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
 _REMEDY = "give another record with --validate, or use more of this one"
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut, None where it is held out whole."""
+
+    fitted: tuple[Record, ...]
+    held: Record
+    cut: float | None
+    sentence: str
+
+
+def split_off(records: Sequence[Record], model: Model) -> Split:
+    """Hold out the whole last record where the others can stand for it, else its last part (``hold_out``).
+
+    The others can where they measure every channel and move every control of it, and hold three tenths of all samples at least; and the
+    last must be worth predicting (``why_unpredictable``). Records without a control may be of one and the same motion, and the last part
+    of a fall shows it at another speed: it is held out there.
+
+    Raises
+    ------
+    RecordError : the last record has to be cut and cannot be.
+    """
+    *others, last = records
+    if others and model.equations.inputs and _stand_for(others, last) and not why_unpredictable(last, model):
+        said = f"no --validate: the last record, {last.name}, is held out whole and predicted; the others are fitted"
+        return Split(tuple(others), last, None, said)
+    first, held = hold_out(last)
+    cut = float(held.time[0])
+    return Split((*others, first), held, cut, f"no --validate: the last part of {last.name}, from {cut:g} s on, is held out and predicted")
+
+
+def _stand_for(others: Sequence[Record], last: Record) -> bool:
+    """Whether the fit of some records knows all that another one shows."""
+    enough = sum(len(record) for record in others) >= REMAINS * sum(len(record) for record in (*others, last))
+    measured = {channel.name for record in others for channel in record.outputs if np.any(channel.valid)}
+    moved = {channel.name for record in others for channel in record.inputs if moves(channel)}
+    shown = {channel.name for channel in last.outputs}
+    steered = {channel.name for channel in last.inputs if channel.name not in PORTS and moves(channel)}
+    return enough and shown <= measured and steered <= moved
 
 
 def hold_out(record: Record) -> tuple[Record, Record]:

@@ -35,7 +35,8 @@ LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite o
 class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
-    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared.
+    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared,
+    ``doubts`` what in the files is likely to be wrong.
     """
 
     record: Record
@@ -49,6 +50,7 @@ class Identification:
     tests: tuple[ResidualTest, ...]
     others: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence[Record] = (), model: Model | None = None) -> Identification:

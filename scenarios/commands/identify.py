@@ -31,7 +31,7 @@ def identify_record(
     """Read, identify, write the study, print."""
     from scenarios.files.channels import read_channel_map
     from scenarios.files.vehicles import read_vehicle
-    from scenarios.preparation.plausibility import refuse_degrees
+    from scenarios.preparation.plausibility import refuse_degrees, refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.vehicle_models import model_of_file
 
@@ -45,8 +45,9 @@ def identify_record(
     own = model == "loes" and method == "ekf"
     ready = prepare([path], model_of_file(vehicle), plan, choices, flow=not own)
     refuse_degrees(ready.fitted)
+    refuse_still(ready.fitted, ready.model)
     first, *others = ready.measured if own else ready.fitted
-    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes)
+    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes, doubts=ready.doubts)
     if out is not None:
         _write(found, ready.measured, path, out, figures)
     _print(found)
@@ -67,6 +68,7 @@ def identification_content(found: Identification, path: Path) -> dict[str, Any]:
         **content,
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
+        "warnings": list(found.doubts),
         "notes": list(found.notes),
         "inputs": {"records": [path.name], "sha256": [digest]},
         "versions": versions(),
@@ -103,19 +105,25 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
 def _print(found: Identification) -> None:
     from rich.table import Table
 
+    from scenarios.effect_wording import determined
     from scenarios.printing import console, derived_line, number, test_line
 
     estimate, terminal = found.estimate, console()
     for record in (found.record, *found.others):
         told = f"; {found.vehicle.model} model, {found.method}: {estimate.outcome.value}" if record is (found.record, *found.others)[-1] else ""
         terminal.print(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}")
+    for doubt in found.doubts:
+        terminal.print(f"warning: {doubt}", highlight=False)
     table = Table()
     for heading in ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
     starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
     for row in (*found.rows, *found.biases):
-        share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
         begun = f"{starts[row.name]:.5g}" if row.name in starts else "-"
+        if not determined(row.estimate, row.std):
+            table.add_row(row.name, row.unit, "not determined", "-", "-", begun)
+            continue
+        share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
         table.add_row(row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun)
     terminal.print(table)
     noise = ", ".join(f"{name} {std:.3g}" for name, std in zip(estimate.output_names, estimate.noise_std, strict=True))

@@ -7,7 +7,7 @@ and nz (qbar/qbar_0 - 1), which is the lift coefficient m g0/S (1/qbar_0 - 1/qba
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -92,16 +92,36 @@ def flow_sentence(record: Record, model: Model) -> str:
     declared = model.parameters["airspeed"].value
     used = " and ".join(name for name in able(model) if name in record.output_names).replace("_", " ")
     speed = "" if "airspeed" in used else "which makes "
-    said = f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to {flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
-    mean = float(np.mean(flow.speed))
-    if abs(mean / declared - 1.0) > APART:
-        said += "; so far from the declared one, is it a true airspeed, and its unit right?"
-    if flow.density is not None:
-        air = model.parameters["air_density"].value
-        density = float(np.mean(flow.density))
-        if abs(density / air - 1.0) > APART:
-            said += f"; with the dynamic pressure the air weighs {density:.3g} kg/m3 (declared {air:.3g}): is the airspeed a true one?"
-    return said
+    return f"{record.name}: measured {used} used, {speed}{flow.speed.min():.4g} to {flow.speed.max():.4g} m/s (declared {declared:.4g} m/s)"
+
+
+def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
+    """Where measured airspeed or air density are far from those of the vehicle file: what, in which records, and how to mend it."""
+    flows = [(record.name, flow) for record in records if (flow := measured_flow(record, model)) is not None]
+    speeds = {name: float(np.mean(flow.speed)) for name, flow in flows}
+    densities = {name: float(np.mean(flow.density)) for name, flow in flows if flow.density is not None}
+    from_pressure = bool(flows) and not any("airspeed" in record.output_names for record in records)
+    told = []
+    if far := _far(speeds, model, "airspeed"):
+        what = "the airspeed that the measured dynamic pressure makes with the declared air" if from_pressure else "the measured airspeed"
+        cause = "unit of the dynamic pressure" if from_pressure else "unit of the column and whether it is a true airspeed"
+        told.append(f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file; mend airspeed there, or check the {cause}")
+    if far := _far(densities, model, "air_density"):
+        what = f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far from {far[2]} kg/m3 in the vehicle file"
+        told.append(f"{far[0]}: {what}; mend air_density there, or check whether the airspeed is a true one")
+    return told
+
+
+def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
+    """Records whose mean is more than ``APART`` off the declared value, their means, and the declared one; None where all are near."""
+    if not means:
+        return None
+    declared = model.parameters[name].value
+    found = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
+    if not found:
+        return None
+    shown = list(dict.fromkeys(f"{mean:.3g}" for mean in (min(found.values()), max(found.values()))))
+    return ", ".join(found), " to ".join(shown), f"{declared:.3g}"
 
 
 def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[Signal]) -> Record:

@@ -1,4 +1,4 @@
-"""What no fit should start from: a channel that is stuck, controls that never move, degrees that are read as radians."""
+"""What no fit should start from and no prediction be judged by: stuck channels, resting controls, degrees as radians, too few samples."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ from sim.record import Channel, Record
 SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
 LARGEST = 1.5  # rad away from the middle that a hundredth of the samples may reach
 SHARE = 99.0  # per cent
+# A prediction fits the initial states and the biases: k numbers from N samples lower its error by sqrt(1 - k/N), here by a twentieth at most.
+PER_UNKNOWN = 10
+FIVE = 5  # samples, whose median no single wrong one moves
+MANEUVER = "give a record with a maneuver, or more of this one"
+ABOVE = 4.0  # sigmas of a channel's noise, which medians of five samples of noise alone do not reach
 
 
 def refuse_still(records: Sequence[Record], model: Model) -> None:
@@ -22,7 +27,7 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
 
     Raises
     ------
-    RecordError : an output whose samples are all the same; controls that rest in every record.
+    RecordError : an output whose samples are all the same; controls that rest in every record; nothing that moves above its noise.
     """
     for record in records:
         for channel in record.outputs:
@@ -32,7 +37,43 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     controls = [signal.name for signal in model.equations.inputs if signal.name not in PORTS]
     if controls and all(_still(record[name]) for record in records for name in controls):
         what = f"the {' and the '.join(controls)} never moves: nothing shows what it does"
-        raise RecordError(what, where=", ".join(dict.fromkeys(r.name for r in records)), remedy="give a record with a maneuver, or more of this one")
+        raise RecordError(what, where=_names(records), remedy=MANEUVER)
+    if controls and not any(moves(channel) for record in records for channel in record.channels if channel.name not in PORTS):
+        what = f"neither the {' nor the '.join(controls)} nor any output moves above its noise: nothing shows what the aircraft does"
+        raise RecordError(what, where=_names(records), remedy=MANEUVER)
+
+
+def refuse_unpredictable(records: Sequence[Record], model: Model) -> None:
+    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one that says nothing, or too little."""
+    for record in records:
+        why = why_unpredictable(record, model)
+        if why:
+            raise RecordError(why, where=f"{record.name} (--validate)", remedy="name a longer record with a maneuver, or leave --validate out")
+
+
+def why_unpredictable(record: Record, model: Model) -> str:
+    """Why the prediction of a record would say nothing of a model: a stuck channel, too few samples, no motion; empty where it would."""
+    biases = [channel for channel in record.outputs if channel.name in model.biases]
+    unknown, samples = len(model.initial) + len(biases), sum(int(np.count_nonzero(channel.valid)) for channel in record.outputs)
+    if samples < PER_UNKNOWN * unknown:
+        fitted = f"{len(model.initial)} initial states" + (f" and {len(biases)} biases" if biases else "")
+        return f"{len(record)} rows with {samples} samples are too few to predict: {fitted} are fitted to them, and each wants {PER_UNKNOWN}"
+    stuck = [channel.name for channel in record.outputs if _still(channel)]
+    if stuck:
+        return f"all samples of {' and '.join(stuck)} are the same: there is nothing to predict"
+    if not any(moves(channel) for channel in record.outputs):
+        return "no channel moves above its noise: there is nothing to predict"
+    return ""
+
+
+def moves(channel: Channel) -> bool:
+    """Whether a channel moves above its noise: a median of five samples leaves the middle by ``ABOVE`` sigmas, taken from the median step."""
+    values = channel.values[channel.valid]
+    if len(values) < 2 * FIVE:
+        return len(values) > 1 and float(np.ptp(values)) > 0.0
+    noise = 1.4826 * float(np.median(np.abs(np.diff(values)))) / math.sqrt(2.0)
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, FIVE), axis=1)
+    return float(np.max(np.abs(smooth - np.median(values)))) > ABOVE * noise
 
 
 def refuse_degrees(records: Sequence[Record]) -> None:
@@ -41,6 +82,10 @@ def refuse_degrees(records: Sequence[Record]) -> None:
         for name in SMALL_ANGLES:
             if name in (*record.input_names, *record.output_names):
                 _refuse_degrees(record, record[name])
+
+
+def _names(records: Sequence[Record]) -> str:
+    return ", ".join(dict.fromkeys(record.name for record in records))
 
 
 def _still(channel: Channel) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.preparation.airspeed import Flow, able, flow_sentence, measured_flow, with_flow
+from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
@@ -33,7 +33,7 @@ class Prepared:
     model : the declared one, with the measured flow as further inputs where a record has one.
     fitted, validation : records for it.
     measured : the fitted records as they would be written: before trims are taken off and the flow becomes an input.
-    notes : what was done, one sentence each.
+    notes : what was done, one sentence each. doubts : what in the files is likely to be wrong, and the remedy.
     """
 
     model: Model
@@ -41,6 +41,7 @@ class Prepared:
     validation: tuple[Record, ...]
     measured: tuple[Record, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
@@ -92,7 +93,8 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []
-    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes))
+    doubts = tuple(flow_doubts(records, model))
+    return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
 
 
 def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:

@@ -194,10 +194,21 @@ def test_the_record_itself_is_never_replaced(flightid: CommandLine, rigid_folder
 
 def test_records_that_say_too_little_end_in_an_outcome(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path) -> None:
     frame = table(rigid_folder)
-    frame[:2].to_csv(tmp_path / "two.csv", index=False)
-    frame.assign(elevator=0.0, alpha=0.0, q=0.0)[:200].to_csv(tmp_path / "rest.csv", index=False)
-    for name in ("two", "rest"):
-        for method in ("output-error", "equation-error"):
-            content = identified(flightid, tmp_path / f"{name}.csv", vehicle, tmp_path / f"{name}-{method}", "--method", method)
-            assert content["outcome"] == "not-identifiable"
-            assert all(row["std"] > 0 for row in content["parameters"].values())
+    step = int(np.flatnonzero(frame["elevator"].diff())[1])
+    frame[step - 1 : step + 1].to_csv(tmp_path / "two.csv", index=False)
+    for method in ("output-error", "equation-error"):
+        content = identified(flightid, tmp_path / "two.csv", vehicle, tmp_path / f"two-{method}", "--method", method)
+        assert content["outcome"] == "not-identifiable"
+        assert all(row["std"] > 0 for row in content["parameters"].values())
+    told = flightid.done("identify", tmp_path / "two.csv", "--model", "rigid", "--vehicle", vehicle)
+    assert told.count("not determined") == 2, "one change of the elevator between two samples does not show what it does; no sigma of 1e30 is printed"
+
+
+def test_records_in_which_nothing_moves_are_refused(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path) -> None:
+    frame, rng = table(rigid_folder)[:200], np.random.default_rng(0)
+    frame.assign(elevator=0.01).to_csv(tmp_path / "still.csv", index=False)
+    noise = {name: 0.001 * rng.standard_normal(len(frame)) for name in ("elevator", "alpha", "q")}
+    frame.assign(**noise).to_csv(tmp_path / "noise.csv", index=False)
+    call = ("--model", "rigid", "--vehicle", vehicle)
+    assert "still.csv: the elevator never moves: nothing shows what it does" in flightid.refused("identify", tmp_path / "still.csv", *call)
+    assert "noise.csv: neither the elevator nor any output moves above" in flightid.refused("identify", tmp_path / "noise.csv", *call)

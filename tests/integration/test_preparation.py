@@ -84,3 +84,18 @@ def test_check_takes_segments_and_filter(flightid: CommandLine, folder: Path, tm
     assert "flight.csv[10-19 s]: 451 samples" in text and "low-pass of 5 Hz" in " ".join(text.split())
     notes = json.loads((tmp_path / "study" / "compatibility.json").read_text())["notes"]
     assert any("flight.csv[1-9 s]: all channels behind one zero-phase low-pass of 5 Hz" in note for note in notes)
+
+
+def test_a_vehicle_file_of_another_speed_is_warned_of_first(flightid: CommandLine, folder: Path, tmp_path: Path) -> None:
+    text = (folder / "vehicle.toml").read_text()
+    slower = tmp_path / "slower.toml"
+    slower.write_text("\n".join("airspeed = 90.0" if line.startswith("airspeed") else line for line in text.splitlines()))
+    call = ("--model", "rigid", "--vehicle", slower, "--no-figures", "--out", tmp_path / "out")
+    warning = "warning: flight.csv: the measured airspeed, "
+    for command, file in (("identify", "comparison.json"), ("diagnose", "diagnosis.json")):
+        said = flightid.done(command, folder / "flight.csv", "--to", 12, *call)
+        assert said.index(warning) < said.index("alpha")
+        content = json.loads((tmp_path / "out" / file).read_text())
+        assert "is far from 90 m/s in the vehicle file; mend airspeed there" in content["warnings"][0]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("the measured airspeed") == 1 and page.index("the measured airspeed") < page.index("<section>")

@@ -97,15 +97,59 @@ def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> 
     assert len(loop.given["validation"][0]) == 200
 
 
-def test_last_part_of_the_last_record_is_held_out(files: tuple[Path, Path, Path]) -> None:
+def test_last_part_of_a_single_record_is_held_out(files: tuple[Path, Path, Path]) -> None:
+    loop = Loop()
+    tracing = diagnose_files([files[0]], "rigid", files[2], trace=loop)
+    (first,), (held,) = loop.given["records"], loop.given["validation"]
+    assert len(first) + len(held) == 200
+    assert tracing.held_out_from == held.time[0] > first.time[-1]
+    assert tracing.inputs.validation == () and len(tracing.inputs.records) == 1
+    assert f"the last part of train.csv, from {held.time[0]:g} s on, is held out and predicted" in tracing.notes[0]
+
+
+def test_the_last_of_several_records_is_held_out_whole(files: tuple[Path, Path, Path]) -> None:
     train, validate, vehicle = files
     loop = Loop()
     tracing = diagnose_files([train, validate], "rigid", vehicle, trace=loop)
-    first, second = loop.given["records"]
-    (held,) = loop.given["validation"]
-    assert len(first) == 200 and len(second) + len(held) == 200
-    assert tracing.held_out_from == held.time[0] > second.time[-1]
-    assert tracing.inputs.validation == () and len(tracing.inputs.records) == 2
+    (first,), (held,) = loop.given["records"], loop.given["validation"]
+    assert (first.name, len(first), held.name, len(held)) == ("train.csv", 200, "validate.csv", 200)
+    assert tracing.held_out_from is None and "the last record, validate.csv, is held out whole" in tracing.notes[0]
+    assert [[file.name for file in some] for some in (tracing.inputs.records, tracing.inputs.validation)] == [["train.csv"], ["validate.csv"]]
+    segments = Plan((Segment(0.5, 2.6), Segment(2.7, 3.9)))  # both parts of one file: it is fitted and predicted
+    parts = diagnose_files([train], "rigid", vehicle, plan=segments, trace=loop)
+    assert [record.name for record in parts.validation] == ["train.csv[2.7-3.9 s]"] and parts.held_out_from is None
+    assert parts.inputs.validation == () and len(parts.inputs.records) == 1
+
+
+def test_a_record_that_the_others_do_not_cover_is_cut(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    train, validate, vehicle = files
+    lean = tmp_path / "lean.csv"
+    lean.write_text("\n".join(",".join(line.split(",")[:3]) for line in train.read_text().splitlines()))  # no q, no nz
+    still = tmp_path / "still.csv"
+    rows = [line.split(",") for line in train.read_text().splitlines()]
+    still.write_text("\n".join(",".join([row[0], row[1] if k == 0 else "0", *row[2:]]) for k, row in enumerate(rows)))
+    for other in (lean, still):
+        tracing = diagnose_files([other, validate], "rigid", vehicle, trace=Loop())
+        assert tracing.held_out_from is not None and len(tracing.records) == 2, other
+    short = Plan((Segment(0.0, 0.6), Segment(0.7, 3.9)))  # too little would remain to be fitted
+    assert diagnose_files([train], "rigid", vehicle, plan=short, trace=Loop()).held_out_from is not None
+
+
+def test_what_says_nothing_is_no_validation(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    train, _, vehicle = files
+    rows = train.read_text().splitlines()
+    poor = {
+        "five": (rows[:6], r"five\.csv \(--validate\): 5 rows with 1[0-5] samples are too few to predict: 2 initial states and 3 biases"),
+        "stuck": ([rows[0], *(f"{row.split(',')[0]},0,0.1,0,1" for row in rows[1:])], "all samples of alpha and q and nz are the same"),
+    }
+    rng = np.random.default_rng(0)
+    rest = [f"{0.02 * k:.2f},0," + ",".join(f"{value:.5f}" for value in 0.001 * rng.standard_normal(3)) for k in range(200)]
+    poor["rest"] = ([rows[0], *rest], "no channel moves above its noise")
+    for name, (lines, said) in poor.items():
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
+        with pytest.raises(FlightidError, match=said) as caught:
+            diagnose_files([train], "rigid", vehicle, [tmp_path / f"{name}.csv"], trace=Loop())
+        assert "name a longer record with a maneuver" in str(caught.value)
 
 
 def test_vehicle_file_beside_the_record_serves(files: tuple[Path, Path, Path], tmp_path: Path) -> None:

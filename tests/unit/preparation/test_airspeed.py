@@ -10,7 +10,7 @@ import pytest
 from ident.output_error import fit_output_error
 from scenarios.candidates import candidates_for
 from scenarios.holding_out import hold_out
-from scenarios.preparation.airspeed import able, flow_sentence, measured_flow, with_flow
+from scenarios.preparation.airspeed import able, flow_doubts, flow_sentence, measured_flow, with_flow
 from sim.errors import RecordError
 from sim.model import Model
 from sim.record import Channel, Hold, Record
@@ -119,9 +119,12 @@ def test_a_speed_that_is_none_is_refused_and_one_far_off_is_told() -> None:
     with pytest.raises(RecordError, match=r"slow\.csv, channel airspeed: airspeed is not above zero at 0 s; leave the column out"):
         with_flow(declared(), [slow])
     indicated = replace(record, outputs=(Channel.of("airspeed", "m/s", 0.8 * flown.airspeed), record.outputs[1]))
-    said = flow_sentence(indicated, declared())
-    assert "is it a true airspeed" in said and "the air weighs 1.5 kg/m3 (declared 0.96)" in said
-    assert "is it" not in flow_sentence(record, declared())
+    slower, denser = flow_doubts([record, replace(indicated, name="indicated.csv")], declared())
+    assert slower.startswith("indicated.csv: the measured airspeed, ") and "in the vehicle file; mend airspeed there" in slower
+    assert "1.5 kg/m3, is far from 0.96 kg/m3" in denser and "mend air_density there" in denser
+    assert not flow_doubts([record], declared()) and not flow_doubts([record.only(())], declared())
+    heavy = replace(record, outputs=(Channel.of("dynamic_pressure", "Pa", 1.5 * flown.dynamic_pressure),))
+    assert "check the unit of the dynamic pressure" in flow_doubts([heavy], declared())[0]
 
 
 def test_a_measured_speed_is_no_candidate_and_no_excitation() -> None:

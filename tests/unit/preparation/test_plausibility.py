@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from scenarios.preparation.plausibility import refuse_degrees, refuse_still
+from scenarios.preparation.plausibility import moves, refuse_degrees, refuse_still
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.falling_speed import fly_falling
@@ -42,6 +44,16 @@ def test_a_control_may_rest_in_some_records_but_not_in_all(sound: Record) -> Non
     refuse_still([sound, resting], declared())
     with pytest.raises(RecordError, match="the elevator never moves"):
         refuse_still([resting, resting], declared())
+
+
+@given(st.integers(0, 10_000), st.integers(10, 3000), st.floats(1e-6, 1e6))
+def test_noise_alone_is_no_motion_and_a_spike_is_none(seed: int, count: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    values = size * (5.0 + rng.standard_normal(count))
+    if count > 20:
+        values[count // 2] += 50.0 * size
+        assert not moves(Channel.of("q", "rad/s", values))
+    assert moves(Channel.of("q", "rad/s", values + 20.0 * size * (np.arange(count) > 0.6 * count)))
 
 
 @pytest.mark.parametrize("name", ["alpha", "elevator"])
