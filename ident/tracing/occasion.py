@@ -11,14 +11,16 @@ from sim.record import Record
 from sim.tracing import Occasion
 
 
-def occasion_at(node: Node, beside: Sequence[Record] = ()) -> Occasion:
-    """The common occasion of a node's records: the longest span, the largest inputs, the ranges as fitted.
+def occasion_at(node: Node, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> Occasion:
+    """The common occasion of a node's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
 
     ``beside`` are records that the model must serve as well: what they fly through widens the ranges (the outermost
     hundredth of an output's samples left out, against spikes).
     """
     fit, layout = node.fit, node.fit.layout
-    records = [problem.record for problem in layout.problems]
+    numbers = range(len(layout.problems)) if which is None else which
+    problems, lines = [layout.problems[r] for r in numbers], [fit.lines[r] for r in numbers]
+    records = [problem.record for problem in problems]
     longest = max(records, key=lambda record: record.time[-1] - record.time[0])
     peak: dict[str, float] = {}
     rate: dict[str, float] = {}
@@ -32,8 +34,8 @@ def occasion_at(node: Node, beside: Sequence[Record] = ()) -> Occasion:
             low, high = flown.get(channel.name, (np.inf, -np.inf))
             flown[channel.name] = (min(low, float(channel.values.min())), max(high, float(channel.values.max())))
     for names, rows in (
-        (layout.system.state_names, [line.states for line in fit.lines]),
-        (layout.system.output_names, [line.y for line in fit.lines]),
+        (layout.system.state_names, [line.states for line in lines]),
+        (layout.system.output_names, [line.y for line in lines]),
     ):
         for i, name in enumerate(names):
             low, high = min(float(r[i].min()) for r in rows), max(float(r[i].max()) for r in rows)
@@ -54,7 +56,7 @@ def occasion_at(node: Node, beside: Sequence[Record] = ()) -> Occasion:
         input_rate=rate,
         state_peak=states,
         flown=flown,
-        residual_peaks=spectral_peaks(records, fit.residuals, [problem.valid for problem in layout.problems], fit.variance),
+        residual_peaks=spectral_peaks(records, [fit.residuals[r] for r in numbers], [problem.valid for problem in problems], fit.variance),
         airspeed=node.model.parameters["airspeed"].value if "airspeed" in node.model.parameters else 0.0,
         values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
     )

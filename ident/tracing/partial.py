@@ -10,11 +10,12 @@ import numpy as np
 from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.tracing.acceptance import HeldOut, held_out
+from ident.tracing.choosing import Standing, Stood
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.node import Node
 from ident.tracing.replication import Flight, own_quantities
 from ident.tracing.search_state import Search
-from ident.tracing.standing import Standing, Stood, standing_effects
+from ident.tracing.standing import standing_effects
 from sim.record import Record
 
 ALTERNATIVES = 2

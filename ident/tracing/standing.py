@@ -7,53 +7,33 @@ from each record by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.colour import effective_share
 from ident.fit import Fit
 from ident.tracing.acceptance import held_out
+from ident.tracing.choosing import SURE, Standing, Stood, choose
 from ident.tracing.coloured import coloured_gain
-from ident.tracing.expansion import CLEARLY, COLLINEAR, implausible, near_absence, same_sensor_twins
+from ident.tracing.expansion import CLEARLY, implausible, near_absence, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
 from ident.tracing.occasion import occasion_at
 from ident.tracing.reduction import Reduction, reduction
 from ident.tracing.replication import Flight, Replication, own_quantities, replicate, stands_off
-from ident.tracing.screening import Finding, collinear, screen
+from ident.tracing.screening import Finding, screen
 from sim.effect import Effect, NoiseEffect
+from sim.tracing import fitted_to
 
 WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
-SURE = 2.0  # of its scatter
 WORSE = 0.05  # growth of ln(error) of one channel that is borne, beside twice its scatter
 MOST, GUARDS = 6, 3  # candidates and guards fitted in full
 HOPELESS = 0.1  # of the best projected gain, below which nothing is fitted
+BEYOND = 0.1  # of a curve's range, flown by one record alone
 HALF = 0.5  # of that, on the fitted records, without which held-out ones are not asked
 FEW = 3  # records, of which the others are fitted anew when one is left out
 DEEPEST = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Standing:
-    """One candidate added to a set, weighed on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for."""
-
-    effect: Effect
-    finding: Finding
-    node: Node
-    reduction: Reduction
-    replication: Replication
-    gain: float
-    stands: bool
-    why: str
-
-
-@dataclass(frozen=True, eq=False)
-class Stood:
-    """An effect that stands, and those that would do as well in its place."""
-
-    best: Standing
-    others: tuple[Standing, ...]
 
 
 def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -> tuple[list[Stood], list[Standing]]:
@@ -78,7 +58,7 @@ def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -
         tried = [_weigh(flight, node, finding, before) for finding in _promising(node, usable)]
         results = [item for item in tried if item is not None]
         weighed += results
-        chosen = _choose(results)
+        chosen = choose(results)
         if chosen is None:
             break
         found.append(chosen)
@@ -102,10 +82,11 @@ def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
     return [finding for finding in worth if finding not in guards][:MOST] + guards[:GUARDS]
 
 
-def _left_out(flight: Flight, node: Node) -> list[Fit] | None:
-    """Each record predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
-    fits = []
-    for r, record in enumerate(flight.records):
+def _left_out(flight: Flight, node: Node, which: Sequence[int] | None = None) -> dict[int, Fit] | None:
+    """Each record, or ``which``, predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
+    fits = {}
+    for r in range(len(flight.records)) if which is None else which:
+        record = flight.records[r]
         trained: Node | None = without_record(node, r)
         if len(flight.records) <= FEW:
             others = [other for other in range(len(flight.records)) if other != r]
@@ -113,8 +94,23 @@ def _left_out(flight: Flight, node: Node) -> list[Fit] | None:
         frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
         if frozen is None:
             return None
-        fits.append(frozen)
+        fits[r] = frozen
     return fits
+
+
+def within_reach(node: Node, effect: Effect) -> list[int]:
+    """Records that fly where the others do, too: beyond their range a curve fitted to the others is not known."""
+    low, high = getattr(effect, "low", None), getattr(effect, "high", None)
+    count = len(node.fit.layout.problems)
+    if low is None or high is None:
+        return list(range(count))
+    inside = []
+    for r in range(count):
+        others = fitted_to(effect, occasion_at(node, which=[other for other in range(count) if other != r]))
+        beyond = max(others.low - low, high - others.high)  # type: ignore[attr-defined]
+        if beyond <= BEYOND * (high - low):
+            inside.append(r)
+    return inside
 
 
 def without_record(node: Node, r: int) -> Node:
@@ -134,7 +130,7 @@ def without_record(node: Node, r: int) -> Node:
     return replace(node, fit=replace(fit, theta=np.clip(fit.theta + step, layout.low, layout.high)))
 
 
-def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) -> Standing | None:
+def _weigh(flight: Flight, node: Node, finding: Finding, before: Mapping[int, Fit]) -> Standing | None:
     effects = (*node.effects, finding.effect)
     everything = range(len(flight.records))
     tries = [flight.fit(effects, everything, node.values, start) for start in finding.starts[:2]]
@@ -145,12 +141,15 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) 
         return None
     if _fitted_change(node, child) > -HALF * WORTH:
         return None
-    after = _left_out(flight, child)
+    asked = within_reach(node, finding.effect)
+    after = _left_out(flight, child, asked) if asked else None
     if after is None:
         return None
-    lowered, gain = reduction(before, after), coloured_gain(before, after)
+    pairs = [before[r] for r in asked], [after[r] for r in asked]
+    lowered, gain = reduction(*pairs), coloured_gain(*pairs)
     if lowered.total > -WORTH:
-        return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, "it does not lower the held-out error enough")
+        why = "it does not lower the held-out error enough"
+        return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
     if stands and stands_off(child, finding.effect) < CLEARLY:
@@ -159,7 +158,7 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Sequence[Fit]) 
         stands, why = False, "a colour of the residual does as well"
     if stands and implausible(finding.effect, own_quantities(child, finding.effect)):
         stands, why = False, "its parameters are beyond belief"
-    return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why)
+    return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
 
 
 def _fitted_change(node: Node, child: Node) -> float:
@@ -182,35 +181,6 @@ def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     if not copies.agrees:
         return False, "the records give different values"
     return True, "stands"
-
-
-def _choose(results: Sequence[Standing]) -> Stood | None:
-    """The best of those that stand, with those as good; None where a guard, or what does not replicate, does better than all of them."""
-    standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
-    if not standing:
-        return None
-    lowest = min(standing, key=lambda item: item.reduction.total)
-    guards = [item for item in results if guards_among([item.effect.name])]
-    if any(_better_guard(item, lowest) for item in guards):
-        return None
-    equals = [item for item in standing if _as_good(item, lowest)]
-    # Among equals the one with fewest parameters, then the best.
-    best = min(equals, key=lambda item: (item.finding.parameters, item.reduction.total))
-    others = sorted((item for item in equals if item is not best), key=lambda item: item.reduction.total)
-    return Stood(best, tuple(others))
-
-
-def _better_guard(guard: Standing, best: Standing) -> bool:
-    """Whether a guard does better than the best by more than scatter, or as well with no more parameters."""
-    ahead = best.reduction.total - guard.reduction.total
-    return ahead > best.reduction.scatter or (ahead > -best.reduction.scatter and guard.finding.parameters <= best.finding.parameters)
-
-
-def _as_good(item: Standing, best: Standing) -> bool:
-    """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
-    behind = item.reduction.total - best.reduction.total
-    alike = collinear(item.finding, best.finding) > COLLINEAR
-    return behind <= (3.0 if alike else 1.0) * max(best.reduction.scatter, 0.02)
 
 
 def _effective(node: Node) -> float:

@@ -18,7 +18,7 @@ class ProductLoads:
 
     Attributes
     ----------
-    label : after ``guard:``. first, second : the signals, which may be the same. aliases : effects that contain it.
+    label : after ``guard:``. first, second : the signals, which may be the same. aliases, within : effects that contain it.
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
     """
 
@@ -42,6 +42,10 @@ class ProductLoads:
     @property
     def name(self) -> str:
         return f"guard:{self.label}"
+
+    @property
+    def within(self) -> tuple[str, ...]:
+        return self.aliases
 
     @property
     def explanation(self) -> str:

@@ -7,17 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.fit import Fit
 from ident.fit_layout import FitSettings
 from ident.output_error import fit_covariance
 from ident.tracing.acceptance import held_out
+from ident.tracing.choosing import Standing, choose
 from ident.tracing.form import form_spread
 from ident.tracing.node import Node
+from ident.tracing.occasion import occasion_at
 from ident.tracing.reduction import reduction
-from ident.tracing.replication import Flight, replicate
+from ident.tracing.replication import Flight, Replication, replicate
+from ident.tracing.screening import Finding
 from ident.tracing.settings import TraceSettings
-from ident.tracing.standing import standing_effects, without_record
+from ident.tracing.standing import standing_effects, within_reach, without_record
 from scenarios.preparing import about_trim
+from sim.effect import Effect
 from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
@@ -25,6 +31,7 @@ from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.noise import coloured_noise
 from sim.record import Record
+from sim.tracing import fitted_to
 from tests.bases import Flight as Flown
 from tests.bases import rigid_flight
 from tests.tracing_problem import OUTPUTS, declared, fitted, planted, search_of, with_output
@@ -114,6 +121,46 @@ def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> 
     rng = np.random.default_rng(3)
     shuffled = [replace(fit, weighed=replace(fit.weighed, residuals=(rng.permuted(fit.residuals[0], axis=1),))) for fit in before]
     assert abs(reduction(before, shuffled).total) < 3.0 * reduction(before, shuffled).scatter + 1e-9
+
+
+def standing(effect: Effect, node: Node, predictions: list[Fit], share: float, *, stands: bool = True) -> Standing:
+    """A candidate that leaves this share of every error, with one parameter a name in ``absent``."""
+    left = {
+        r: replace(fit, weighed=replace(fit.weighed, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
+    }  # the same errors, smaller: a difference without scatter
+    lowered = reduction(predictions, [left[r] for r in sorted(left)])
+    finding = Finding(effect, 10.0, len(effect.absent), ({},), (10.0,), np.ones(3))
+    return Standing(effect, finding, node, lowered, Replication((), stands), 100.0, stands, "", left)
+
+
+def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_and_replicating(late: Flight) -> None:
+    node = root_of(late)
+    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    guard = next(effect for effect in GUARDS if effect.name == "guard:alpha-q")
+    squared = next(effect for effect in GUARDS if effect.name == "guard:control-squared")
+    bend, curved = MomentNonlinearity(-0.1, 0.1), ControlNonlinearity()
+    effect = standing(bend, node, before, 0.6)
+    assert choose([effect]) is not None
+    assert choose([effect, standing(guard, node, before, 0.5)]) is None
+    assert choose([effect, standing(guard, node, before, 0.5, stands=False)]) is None
+    assert choose([effect, standing(guard, node, before, 0.7)]) is not None
+    assert choose([effect, standing(guard, node, before, 0.6)]) is None
+    assert choose([effect, standing(guard, node, before, 0.6, stands=False)]) is not None
+    # What an effect contains speaks for it.
+    assert choose([standing(curved, node, before, 0.6), standing(squared, node, before, 0.5)]) is not None
+    assert choose([effect, standing(squared, node, before, 0.5)]) is None
+
+
+def test_a_curve_is_not_asked_for_what_only_one_record_flew() -> None:
+    flight = rigid_flight(8.0, 50.0)
+    records = [planted([], None, seed, flight=Flown(flight.time, share * flight.u, max_step=0.02)) for seed, share in ((1, 1.0), (2, 1.0), (3, 2.0))]
+    node = root_of(flight_of(records))
+    bend = fitted_to(MomentNonlinearity(), occasion_at(node))
+    assert within_reach(node, bend) == [0, 1]
+    assert within_reach(node, SCALED) == [0, 1, 2]
+    alike = root_of(flight_of(records[:2]))
+    assert within_reach(alike, fitted_to(MomentNonlinearity(), occasion_at(alike))) == [0, 1]
 
 
 def test_inputs_about_their_trim() -> None:
