@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,14 +12,15 @@ import numpy as np
 from ident.compatibility.check import compatibility
 from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import CHANNELS, measured_channels
-from scenarios.files.channels import STICK, TIME
+from scenarios.files.channels import STICK, TIME, ColumnChoice
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import DeclarationError, RecordError
-from sim.record import Record
+from sim.record import Channel, Record
 
 BESIDE = "vehicle.toml"
 INPUTS = ("elevator", STICK)
+PRESSURE = "dynamic_pressure"
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,11 @@ def check_files(
     _refuse_twice(paths)
     beside = paths[0].parent / BESIDE
     chosen = vehicle if vehicle is not None else (beside if beside.is_file() else None)
-    settings = settings_of(read_any_vehicle(chosen)) if chosen is not None else CompatibilitySettings()
+    declared = read_any_vehicle(chosen) if chosen is not None else None
+    settings = settings_of(declared) if declared is not None else CompatibilitySettings()
     choices = read_channel_map(channels) if channels is not None else None
     plan = plan or Plan()
-    read = [_read(path, choices, segment, plan) for path in paths for segment in plan.segments]
+    read = [record_to_check(path, segment, plan, choices, declared) for path in paths for segment in plan.segments]
     records = tuple(record for record, _ in read)
     result = compatibility(records, settings)
     return Check(
@@ -98,22 +100,47 @@ def read_any_vehicle(path: Path) -> VehicleFile:
     return read_vehicle(path, model)
 
 
-def _read(path: Path, choices: object, segment: Segment, plan: Plan) -> tuple[Record, tuple[str, ...]]:
+def record_to_check(
+    path: Path, segment: Segment, plan: Plan, choices: Mapping[str, ColumnChoice] | None = None, vehicle: VehicleFile | None = None
+) -> tuple[Record, tuple[str, ...]]:
+    """A part of a file with every channel that the kinematics know, and sentences on how it was prepared.
+
+    ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic pressure where none is recorded.
+
+    Raises
+    ------
+    RecordError : anything that keeps the file from being used, or none of the channels in it.
+    """
     from scenarios.files.records import read_record
     from scenarios.preparation.filtering import filtered
     from scenarios.preparation.reading import named
 
     # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
-    read = read_record(path, (), (), choices, segment.start, segment.stop, optional=(*CHANNELS, *INPUTS), hold=plan.hold)  # type: ignore[arg-type]
+    known = (*CHANNELS, PRESSURE, *INPUTS)
+    read = read_record(path, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold)
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
     record = replace(read, inputs=inputs, outputs=outputs, name=named(path, segment, several=len(plan.segments) > 1))
+    record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record):
-        known = ", ".join(CHANNELS)
-        what = f"none of the channels that the kinematics join ({known})"
+        what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
         raise RecordError(what, where=path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
-    record, said = filtered(record, plan)
-    return record, (said,) if said else ()
+    record, of_filter = filtered(record, plan)
+    return record, tuple(said for said in (of_speed, of_filter) if said)
+
+
+def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
+    """The record without its dynamic pressure, but with the airspeed that this makes where none is recorded and the air's density is known."""
+    if PRESSURE not in record.output_names:
+        return record, ""
+    pressure = record[PRESSURE]
+    rest = replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != PRESSURE))
+    density = vehicle.constants.get("air_density") if vehicle is not None else None
+    if density is None or "airspeed" in rest.output_names:
+        return rest, ""
+    speed = np.sqrt(2.0 * np.maximum(np.where(pressure.valid, pressure.values, np.nan), 0.0) / density)
+    said = f"{record.name}: airspeed from the dynamic pressure, in air of {density:g} kg/m3"
+    return replace(rest, outputs=(*rest.outputs, Channel.of("airspeed", "m/s", speed))), said
 
 
 def _refuse_twice(paths: Sequence[Path]) -> None:

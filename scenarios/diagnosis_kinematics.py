@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +17,16 @@ from scenarios.preparation.ports import SPEED
 from sim.errors import FlightidError
 from sim.record import Channel, Record
 
+if TYPE_CHECKING:
+    from scenarios.files.vehicles import VehicleFile
+    from scenarios.preparation.plan import Plan
+
 NEEDED = ("alpha", "q", "nz")
 CONTROLS = ("elevator", "stick")
-ENOUGH = 2500  # samples, beyond which no further record is checked: the cost grows with them, the search has the rest
+ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
+SHORTEST = 20  # samples of a record worth reading
 AGREES, DIFFERS, CONTRADICTS, NOTHING = "agrees", "differs in size", "contradicts", "says nothing"
 
 
@@ -48,22 +54,56 @@ def kinematics_of(records: Sequence[Record], airspeed: float, gravity: float | N
 
     ``airspeed`` (m/s), ``gravity`` (m/s2), ``vane_arm`` (m): those of the vehicle file; a measured airspeed, prepared as an input, goes before.
     """
-    from ident.compatibility.check import compatibility
+    return _checked([_with_airspeed(record, airspeed) for record in records], _settings(airspeed, gravity, vane_arm))
 
-    usable = [record for record in records if set(NEEDED) <= set(record.output_names)]
+
+def kinematics_of_files(paths: Sequence[Path], vehicle: VehicleFile, channels: Path | None = None, plan: Plan | None = None) -> Kinematics:
+    """What ``flightid check`` says of the first files that measure alpha, q and nz, up to about ``ENOUGH`` samples; never raised, but told.
+
+    Every channel that the kinematics know is used as it is recorded: theta, ax, airspeed or dynamic pressure too. ``channels``: a channel
+    map. ``plan``: segments of all files, and how they are prepared; None: whole.
+    """
+    from scenarios.checking import record_to_check, settings_of
+    from scenarios.files.channels import read_channel_map
+    from scenarios.preparation.plan import Plan
+
+    plan = plan or Plan()
+    try:
+        choices = read_channel_map(channels) if channels is not None else None
+        records = (record_to_check(path, segment, plan, choices, vehicle)[0] for path in paths for segment in plan.segments)
+        return _checked(records, settings_of(vehicle))
+    except FlightidError as error:
+        return Kinematics((), None, _could_not(error))
+
+
+def _settings(airspeed: float, gravity: float | None, vane_arm: float) -> CompatibilitySettings:
+    settings = CompatibilitySettings(airspeed=airspeed, vane_arm=vane_arm)
+    return settings if gravity is None else replace(settings, gravity=gravity)
+
+
+def _checked(records: Iterable[Record], settings: CompatibilitySettings) -> Kinematics:
+    """Check the first usable records; those beyond ``ENOUGH`` samples are not even read."""
+    from ident.compatibility.check import compatibility
+    from ident.compatibility.signals import measured_channels
+
     chosen: list[Record] = []
-    for record in usable:
-        if not chosen or sum(len(each) for each in chosen) + len(record) <= ENOUGH:
-            chosen.append(_with_airspeed(record, airspeed))
+    for record in records:
+        if set(NEEDED) <= set(measured_channels(record)) and (not chosen or sum(len(each) for each in chosen) + len(record) <= ENOUGH):
+            chosen.append(record)
+        if sum(len(each) for each in chosen) > ENOUGH - SHORTEST:
+            break
     names = tuple(record.name for record in chosen)
     if not chosen:
         return Kinematics((), None, f"no record measures {', '.join(NEEDED)} together: their kinematics cannot be checked")
-    settings = CompatibilitySettings(airspeed=airspeed, vane_arm=vane_arm)
     try:
-        return Kinematics(names, compatibility(chosen, settings if gravity is None else replace(settings, gravity=gravity)))
+        return Kinematics(names, compatibility(chosen, settings))
     except (FlightidError, ArithmeticError, ValueError) as error:
         # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
-        return Kinematics(names, None, f"the kinematics could not be checked: {str(error).splitlines()[0] if str(error) else type(error).__name__}")
+        return Kinematics(names, None, _could_not(error))
+
+
+def _could_not(error: Exception) -> str:
+    return f"the kinematics could not be checked: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
 
 
 def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreement]:

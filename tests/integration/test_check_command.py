@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from scenarios.files.writing import write_record
+from sim.record import Channel
 from tests.integration.command_line import VEHICLE, CommandLine, contents
 from tests.oracles.flight_path import Sensors
 from tests.unit.compatibility.flights import FOUR, SPEED, THREE, record
@@ -91,6 +93,16 @@ def test_no_vehicle_file_is_needed_where_the_airspeed_is_recorded(flightid: Comm
     assert "relation of alpha" in flightid.done("check", "whole.csv")
     told = flightid.done("check", "flight1.csv")
     assert "neither a recorded nor a given airspeed" in told and "cannot tell" in told
+
+
+def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Path) -> None:
+    """VEHICLE's air weighs 1.0555 kg/m3; its airspeed, here far too low, is not needed."""
+    whole = record((*THREE, "airspeed"), Sensors(delay={"alpha": 0.06}), seed=3)
+    pressure = Channel.of("dynamic_pressure", "Pa", 0.5 * 1.0555 * whole["airspeed"].values ** 2)
+    write_record(place, replace(whole, outputs=(*whole.outputs[:3], pressure)), "pressure")
+    (place / "vehicle.toml").write_text(VEHICLE.replace("200.64984", "65.0"))
+    out = " ".join(flightid.done("check", "pressure.csv").split())
+    assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out and "airspeed from the dynamic pressure, in air of 1.05" in out
 
 
 def test_alpha_and_q_alone_say_so(flightid: CommandLine, place: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from ident.compatibility.result import CheckResult, Compatibility, SensorEstimate, SensorFinding
 from ident.compatibility.result import Quantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
+from scenarios.checking import check_files, read_any_vehicle
 from scenarios.diagnosis_content import diagnosis_content
 from scenarios.diagnosis_kinematics import (
     AGREES,
@@ -23,16 +25,18 @@ from scenarios.diagnosis_kinematics import (
     agreements,
     kinematics_lines,
     kinematics_of,
+    kinematics_of_files,
     unnamed,
 )
 from scenarios.diagnosis_text import diagnosis_text
 from scenarios.effect_wording import Wording
-from scenarios.files.writing import json_text
+from scenarios.files.writing import json_text, write_record
 from scenarios.preparation.ports import SPEED as SPEED_INPUT
 from sim.record import Channel, Hold, Record
 from tests.diagnoses import measured_record, tracing_of
+from tests.integration.command_line import VEHICLE
 from tests.oracles.flight_path import Sensors
-from tests.unit.compatibility.flights import SPEED, record
+from tests.unit.compatibility.flights import FOUR, SPEED, record
 
 LATE = Claim("sensor-delay:alpha", {"delay": Quantity(0.061, 0.002, "s")}, ("sensor-lag:alpha",))
 
@@ -135,6 +139,19 @@ def test_a_measured_speed_that_became_an_input_is_a_channel_again() -> None:
     speed = Channel.of(SPEED_INPUT, "m/s", np.linspace(0.0, 4.0, len(measured)))
     kinematics = kinematics_of([replace(measured, inputs=(*measured.inputs, speed), hold=Hold.LINEAR)], 130.0)
     assert kinematics.result is not None and "airspeed" in kinematics.result.channels
+
+
+def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(VEHICLE.replace("200.64984", str(SPEED)))
+    for number in (1, 2):
+        write_record(tmp_path, record((*FOUR, "ax"), Sensors(delay={"theta": 0.06}), seed=number).window(0.0, 12.0), f"flight{number}")
+    paths = [tmp_path / "flight1.csv", tmp_path / "flight2.csv"]
+    kinematics = kinematics_of_files(paths, read_any_vehicle(tmp_path / "vehicle.toml"))
+    told = check_files(paths).result
+    assert kinematics.result is not None and kinematics.records == ("flight1.csv", "flight2.csv")
+    assert kinematics.result.joint.estimates == told.joint.estimates and "sensor-delay:theta" in [each.name for each in told.findings if each.stands]
+    absent = kinematics_of_files([tmp_path / "absent.csv"], read_any_vehicle(tmp_path / "vehicle.toml"))
+    assert absent.result is None and "absent.csv" in absent.why
 
 
 def test_study_has_it_in_its_file_and_on_the_terminal() -> None:
