@@ -32,6 +32,12 @@ To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use t
 Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs between samples: previous or linear; else as the data say.")]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
 Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
+Model = Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")]
+Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
+VehicleBeside = Annotated[
+    Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
+]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
 
 
@@ -57,7 +63,7 @@ def run(
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+    figures: Figures = True,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
     from scenarios.commands.run import run_scenarios
@@ -81,7 +87,7 @@ def simulate(
 @app.command()
 def identify(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
-    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")],
+    model: Model,
     vehicle: Annotated[Path, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")],
     channels: Channels = None,
     start: From = None,
@@ -91,7 +97,7 @@ def identify(
     lowpass: Lowpass = None,
     method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
     out: Out = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+    figures: Figures = True,
 ) -> None:
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
@@ -102,14 +108,12 @@ def identify(
 
 @app.command()
 def diagnose(
-    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")],
-    model: Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")],
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
-    ] = None,
+    records: Records,
+    model: Model,
+    vehicle: VehicleBeside = None,
     validate: Annotated[
         list[Path] | None,
-        typer.Option("--validate", metavar="RECORD...", help="Predict these records instead of the last part of the last one."),
+        typer.Option("--validate", metavar="RECORD...", help="Predict these records; else the last of several, or the last part of one."),
     ] = None,
     effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="Python file with effects of your own; it is run.")] = None,
     channels: Channels = None,
@@ -119,7 +123,7 @@ def diagnose(
     rate: Rate = None,
     lowpass: Lowpass = None,
     out: Out = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+    figures: Figures = True,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
@@ -130,10 +134,8 @@ def diagnose(
 
 @app.command()
 def check(
-    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one aircraft.")],
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Airspeed where none is recorded; else vehicle.toml beside the first record.")
-    ] = None,
+    records: Records,
+    vehicle: VehicleBeside = None,
     channels: Channels = None,
     start: From = None,
     stop: To = None,
@@ -141,7 +143,7 @@ def check(
     rate: Rate = None,
     lowpass: Lowpass = None,
     out: Out = None,
-    figures: Annotated[bool, typer.Option(help="Draw figures into the study folder.")] = True,
+    figures: Figures = True,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records

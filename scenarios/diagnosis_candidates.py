@@ -5,6 +5,7 @@ from __future__ import annotations
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.effect_wording import displayed, with_sigma
 
+GUARD, STANDS = "guard:", "stands"
 SHOWN = 6  # candidates of a round
 
 
@@ -25,7 +26,12 @@ def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     asked = [candidate for candidate in d.candidates if candidate.remark]
     asked.sort(key=lambda c: (len(c.within), c.held_out_change if c.held_out_change is not None else 0.0))
     cells = [candidate_row(candidate) for candidate in asked]
-    return [(row[1], row[4], candidate.remark, row[5]) for row, candidate in zip(cells, asked, strict=True)]
+    return [(row[1], row[4], _answer(candidate), row[5]) for row, candidate in zip(cells, asked, strict=True)]
+
+
+def _answer(c: Candidate) -> str:
+    """What came of it; a guard helps, but is no physical effect and never stands as a cause."""
+    return "helps, but is no effect of the library" if c.name.startswith(GUARD) and c.remark == STANDS else c.remark
 
 
 def candidate_row(c: Candidate) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,10 +12,12 @@ from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosing import Tracing
-from scenarios.effect_wording import CHANNELS, DEGREES, displayed, value_text
+from scenarios.effect_wording import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
+APART = 2.0  # of both spreads together, from which a joint value and the mean of the records do not agree
+LARGEST = 1e30
 EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
@@ -27,9 +30,29 @@ def evidence_sentences(claim: Claim, which: int = 0) -> list[str]:
     lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
     count = len(evidence.by_record)
     values = by_record_text(evidence)
+    apart = apart_text(claim)
+    if values and apart:
+        return [f"each of {count} records gives it ({values}), but {apart}; it {lowered}"]
     if values:
         return [f"it comes out alike from each of {count} records ({values}) and {lowered}"]
     return [f"it helps on records that were not fitted, of {count} in all, and {lowered}" if count else f"it {lowered}"]
+
+
+def apart_text(claim: Claim) -> str:
+    """Where the value of the joint fit is not what the records say in the mean, by their scatter and both sigmas; empty where it is."""
+    told = []
+    for name, joint in claim.parameters.items():
+        each = [found[name] for found in (claim.evidence.by_record if claim.evidence is not None else ()) if name in found]
+        if len(each) < 2 or not math.isfinite(joint.std):
+            continue
+        values = [q.value for q in each]
+        mean, count = statistics.fmean(values), len(values)
+        scatter = max(statistics.stdev(values), math.sqrt(statistics.fmean([min(q.std, LARGEST) ** 2 for q in each])))
+        spread = math.hypot(scatter / math.sqrt(count), joint.std)
+        if abs(joint.value - mean) > APART * spread:
+            found = with_sigma(Quantity(mean, scatter / math.sqrt(count), joint.unit), name=name)
+            told.append(f"all fitted together give {name} {with_sigma(joint, name=name)}, their mean is {found}: the two do not agree")
+    return "; ".join(told)
 
 
 def by_record_text(evidence: Evidence) -> str:

@@ -11,37 +11,40 @@ from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import Wording, group_sentence, parameter_text, sentence, value_text
+from scenarios.record_scatter import NOTE
 from scenarios.separating import separating_maneuvers
+from scenarios.text_tables import WIDTH, wrapped
+from scenarios.text_tables import table as table
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
 MOVED = 2.0  # sigmas
 
 
-def diagnosis_text(tracing: Tracing) -> str:
-    """What the terminal shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
+def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
+    """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
+    derived_title = "derived from them (sigma of the fit alone)" if d.scatter else ""
     blocks = [
-        [subject(tracing), f"{d.verdict.value.upper()}: {d.verdict.sentence}", *_wrapped(headline(tracing))],
-        [line for doubt in tracing.doubts for line in _wrapped(f"warning: {doubt}")],
-        _effect_lines(tracing),
-        _kinematic_lines(tracing),
-        table(
-            ("error", "unit", "before", "after", "noise floor"), error_rows(d), left=2, title=f"simulation error (rms) on {where_predicted(tracing)}"
-        ),
-        table(derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), left=2, title=moved_title(d)),
-        *(table(("derivative", "unit", *members), rows, left=2, title=MEMBER_TITLE) for members, rows in member_tables(d)),
-        table(("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), left=2),
-        table(("effect", "held-out", "", "parameters"), weighed_rows(d), title=WEIGHED_TITLE),
-        table(("round", "candidate", "gain", "p", "held-out", "parameters", ""), candidate_rows(d), left=2, title=CANDIDATE_TITLE),
-        [line for warning in warnings_of(tracing) for line in _wrapped(f"warning: {warning}")],
-        [line for note in tracing.notes for line in _wrapped(f"note: {note}")],
+        [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
+        [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
+        _effect_lines(tracing, width),
+        _kinematic_lines(tracing, width),
+        _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
+        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, NOTE if d.scatter else ""),
+        *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
+        _titled(derived_title, ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
+        _titled(WEIGHED_TITLE, ("effect", "held-out", "", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
+        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
+        [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
+        [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
 WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
 MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
+CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "")
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
 
 
@@ -157,39 +160,30 @@ def moved(old: Quantity, new: Quantity) -> float:
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
 
 
-def table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, title: str = "") -> list[str]:
-    """Aligned lines: the first ``left`` columns and the last of words to the left, the others to the right; nothing where there is no row."""
-    if not rows:
-        return []
-    widths = [max(len(heading), *(len(row[i]) for row in rows)) for i, heading in enumerate(headings)]
-    words = {i for i, heading in enumerate(headings) if i < left or heading in ("parameters", "")}
-
-    def line(cells: Sequence[str]) -> str:
-        return "  " + "  ".join(
-            cell.ljust(width) if i in words else cell.rjust(width) for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        )
-
-    return [text.rstrip() for text in ([title] if title else []) + [line(headings), *(line(row) for row in rows)]]
+def _titled(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, spare: Sequence[str] = ()
+) -> list[str]:
+    """A table under its title and a note on it, both folded."""
+    lines = table(headings, rows, left=left, width=width, spare=spare)
+    return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
 
 
-def _effect_lines(tracing: Tracing) -> list[str]:
+def _effect_lines(tracing: Tracing, width: int) -> list[str]:
     wording, lines = wording_of(tracing), []
-    proven = [claim for claim in tracing.diagnosis.effects if claim.evidence is not None]
     for claim in tracing.diagnosis.effects:
         heading = effect_heading(claim, wording)
-        lines += _wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}")
+        lines += wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width)
         if claim.parameters:
-            lines += _wrapped(parameter_text(claim, wording), "    ")
-        for told in evidence_sentences(claim, proven.index(claim) if claim in proven else 0):
-            lines += _wrapped(told, "    ")
+            lines += wrapped(parameter_text(claim, wording), width, "    ")
     for line in verdict_advice(tracing):
-        lines += _wrapped(line)
+        lines += wrapped(line, width)
     return lines
 
 
-def _kinematic_lines(tracing: Tracing) -> list[str]:
+def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:
     some = tracing.kinematics
-    return [line for told in (kinematics_lines(some, tracing.diagnosis.effects, wording_of(tracing)) if some else []) for line in _wrapped(told)]
+    told = kinematics_lines(some, tracing.diagnosis.effects, wording_of(tracing)) if some else []
+    return [line for sentence in told for line in wrapped(sentence, width)]
 
 
 def _untouched(tracing: Tracing) -> str:
@@ -220,9 +214,3 @@ def _most_moved(d: Diagnosis) -> str:
 
 def _short(value: float) -> str:
     return "-" if not math.isfinite(value) else f"{value:.3g}" if value < 1e4 else f"{value:.0f}" if value < 1e7 else f"{value:.2g}"
-
-
-def _wrapped(text: str, indent: str = "") -> list[str]:
-    import textwrap
-
-    return textwrap.wrap(text, 118, initial_indent=indent, subsequent_indent=indent + "  ", break_on_hyphens=False, break_long_words=False)

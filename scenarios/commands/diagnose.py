@@ -29,6 +29,7 @@ def diagnose_records(
         # Loaded while the second process already starts.
         from scenarios.diagnosing import diagnose_files
         from scenarios.diagnosis_text import diagnosis_text
+        from scenarios.text_tables import terminal_width
 
         tracing = diagnose_files(records, model, vehicle, validate, effects, channels, plan, progress)
         if out is not None:
@@ -36,7 +37,7 @@ def diagnose_records(
 
             progress("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, process=process)
-    print(diagnosis_text(tracing))
+    print(diagnosis_text(tracing, terminal_width()))
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
     if stages:
         print(f"seconds: {stages}")

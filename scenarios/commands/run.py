@@ -64,6 +64,7 @@ def _trace(name: str, changes: Sequence[str]) -> Run:
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
         from scenarios.progress import progress_bar
+        from scenarios.text_tables import terminal_width
         from scenarios.tracing.study import run_trace
         from scenarios.tracing.text import trace_text
 
@@ -73,7 +74,7 @@ def _trace(name: str, changes: Sequence[str]) -> Run:
             from scenarios.tracing.files import write_trace
 
             write_trace(study, folder, figures=figures)
-        print(trace_text(study), end="")
+        print(trace_text(study, terminal_width()), end="")
         if folder is not None:
             print(f"written to {folder}; begin with {folder / 'report.html'}")
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from scenarios.diagnosis_text import diagnosis_text, table
+from scenarios.diagnosis_text import diagnosis_text
 from scenarios.effect_wording import value_text
+from scenarios.text_tables import WIDTH, table
 from scenarios.tracing.study import Grade, Scored, TraceStudy
 
 
-def trace_text(study: TraceStudy) -> str:
+def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
     """Before and after as `flightid diagnose` shows them, then what the truth says of it."""
     scenario = study.scenario
     blocks = [
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
-        diagnosis_text(study.tracing).rstrip().split("\n"),
+        diagnosis_text(study.tracing, width).rstrip().split("\n"),
         table(("derivative", "unit", "true", "before", "after", "error, sigmas"), _rows(study.derivatives), left=2, title=_title(study)),
         table(("effect", "unit", "true", "estimate", "error, sigmas"), [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2),
         [f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"],

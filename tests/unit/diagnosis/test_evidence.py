@@ -12,10 +12,11 @@ from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
 from scenarios.diagnosis_candidates import weighed_rows
 from scenarios.diagnosis_content import diagnosis_content
-from scenarios.diagnosis_evidence import by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis_text import diagnosis_text, headline
+from scenarios.diagnosis_evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
+from scenarios.diagnosis_text import derivative_rows, diagnosis_text, headline
 from scenarios.effect_wording import Wording, group_sentence
 from scenarios.files.writing import json_text
+from scenarios.record_scatter import NOTE, with_scatter
 from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
 
 
@@ -62,6 +63,39 @@ def test_values_of_the_records_stand_with_their_unit_or_name() -> None:
     assert by_record_text(many) == ""
     assert "alike" not in evidence_sentences(Claim("lift-nonlinearity", {}, evidence=many))[0]
     assert evidence_sentences(Claim("x", {})) == []
+
+
+def test_a_joint_value_apart_from_the_records_is_not_called_alike() -> None:
+    def told(joint: float, std: float, values: tuple[float, ...] = LATE) -> str:
+        return evidence_sentences(Claim("sensor-lag:q", {"time_constant": Quantity(joint, std, "s")}, evidence=evidence_of(values)))[0]
+
+    assert told(0.061, 0.002).startswith("it comes out alike from each of 4 records")
+    assert told(0.075, 0.002).startswith(
+        "each of 4 records gives it (0.058, 0.063, 0.060, 0.062 s), but all fitted together give time_constant 0.075 +- 0.002 s, "
+        "their mean is 0.061 +- 0.002 s: the two do not agree; it cuts the error"
+    )
+    # Records that scatter leave their mean open, and so does a joint fit that is not sure.
+    assert "alike" in told(0.075, 0.002, (0.04, 0.08, 0.05, 0.09)) and "alike" in told(0.075, 0.01)
+    assert apart_text(Claim("x", {"time_constant": Quantity(0.5, 0.001, "s")}, evidence=evidence_of((0.06,)))) == ""
+
+
+def test_every_sigma_of_a_derivative_holds_the_scatter_between_records() -> None:
+    d = replace(proven_tracing().diagnosis, scatter={"Cm_q": 4.0, "CL_q": 0.01})
+    told = with_scatter(d)
+    assert told.before["Cm_q"].std == 4.0 / np.sqrt(len(d.fitted)) and told.before["CL_q"] == d.before["CL_q"]
+    (claim,) = told.effects
+    assert claim.evidence is not None
+    assert all(each["Cm_q"].std == 2.0 for each in claim.evidence.derivatives.values()), "four records"
+    # A move that the scatter explains carries no mark.
+    assert derivative_rows(d.before, d.after)[4][-1].endswith("*") and not derivative_rows(told.before, told.after)[4][-1].endswith("*")
+    assert with_scatter(replace(d, scatter={})).before is d.before
+    assert NOTE in diagnosis_text(proven_tracing()) and NOTE not in diagnosis_text(tracing_of(Verdict.TRACED))
+
+
+def test_a_guard_that_helps_does_not_stand() -> None:
+    d = proven_tracing().diagnosis
+    guard = replace(d.candidates[-1], name="guard:damping-curve", remark="stands")
+    assert weighed_rows(replace(d, candidates=(guard,)))[0][2] == "helps, but is no effect of the library"
 
 
 def test_a_second_effect_is_measured_from_the_first() -> None:
