@@ -17,13 +17,14 @@ from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.residuals import ResidualTest
 from ident.tracing.acceptance import HeldOut, error_figures, held_out, prediction, whiteness, with_held_out_change
+from ident.tracing.between import Between, between_records
 from ident.tracing.cleaning import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.expansion import quantities, records_of
 from ident.tracing.form import form_spread
 from ident.tracing.node import Node, guards_among
 from ident.tracing.outliers import final_spikes
-from ident.tracing.partial import Partial, scatter_between, stand_by_themselves
+from ident.tracing.partial import Partial, stand_by_themselves
 from ident.tracing.search import extended, grow, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
@@ -100,7 +101,7 @@ def diagnose(
     guarded = guards_among(best.names)
     effects = [*input_claims, *claims, *_claims(search, best, guarded)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
-    scatter: Mapping[str, float] = {}
+    between = Between()
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
         if _no_better(out_before, out_after):
@@ -117,10 +118,10 @@ def diagnose(
             verdict, best, out_after, effects, tests_after, warnings = again
         if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
             # Where what remains is not noise, records differ by more than any one of them can tell.
-            scatter = scatter_between(search, best, seen, kept)
+            between = between_records(search, best, seen, kept)
     stage("held out")
     return _diagnosis(
-        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, scatter
+        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, between
     )
 
 
@@ -166,6 +167,17 @@ def _claimed(claim: Claim) -> Claim:
     return replace(claim, claimed=True)
 
 
+def _grown(claim: Claim, growth: Mapping[str, float]) -> Claim:
+    """Derivatives under each member of a group with the sigmas that they have elsewhere."""
+    if claim.evidence is None or not growth:
+        return claim
+    members = {
+        member: {name: replace(q, std=q.std * growth.get(name, 1.0)) for name, q in found.items()}
+        for member, found in claim.evidence.derivatives.items()
+    }
+    return replace(claim, evidence=replace(claim.evidence, derivatives=members))
+
+
 def _diagnosis(
     search: Search,
     root: Node,
@@ -178,7 +190,7 @@ def _diagnosis(
     validation: Sequence[Record],
     outputs: Sequence[str],
     seconds: Mapping[str, float],
-    scatter: Mapping[str, float],
+    between: Between,
 ) -> Diagnosis:
     before, after = out
     shown = validation or search.records
@@ -196,9 +208,9 @@ def _diagnosis(
     masks = [mask[[outputs.index(name) for name in channels]] for mask in everywhere]
     return Diagnosis(
         verdict,
-        tuple(effects),
-        _derivatives(search, root),
-        _derivatives(search, best, scatter, form_spread(search, best)),
+        tuple(_grown(claim, between.growth) for claim in effects),
+        _derivatives(search, root, between.growth),
+        _derivatives(search, best, between.growth, form_spread(search, best)),
         _derived(root),
         _derived(best),
         error_figures([p.before for p in predictions], shown, masks, channels),
@@ -216,7 +228,8 @@ def _diagnosis(
             for r, record in enumerate(search.records)
         ),
         dict(seconds),
-        scatter,
+        between.scatter,
+        between.growth,
     )
 
 
@@ -230,16 +243,16 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
 
 
-def _derivatives(search: Search, node: Node, scatter: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with corrected sigmas; none below what the scatter between records leaves of a mean.
+def _derivatives(search: Search, node: Node, growth: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
+    """Shared parameters of the declared model, with sigmas corrected for colour, grown by what records differ by, and by ``form``.
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """
-    estimate, count = _estimate(node), len(search.records)
+    estimate = _estimate(node)
     declared = set(search.model.parameters.names)
 
     def sigma(name: str, std: float) -> float:
-        return max(float(np.hypot(std, form.get(name, 0.0))), scatter.get(name, 0.0) / float(np.sqrt(count)), 1e-300)
+        return max(growth.get(name, 1.0) * float(np.hypot(std, form.get(name, 0.0))), 1e-300)
 
     return {
         name: Quantity(float(value), sigma(name, float(std)), unit)

@@ -10,6 +10,7 @@ import numpy as np
 from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.tracing.acceptance import HeldOut, held_out
+from ident.tracing.between import FEWEST
 from ident.tracing.choosing import Standing, Stood
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.node import Node
@@ -19,7 +20,6 @@ from ident.tracing.standing import standing_effects
 from sim.record import Record
 
 ALTERNATIVES = 2
-FEWEST = 3  # records whose scatter says something
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,22 +50,6 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
     claims = tuple(_claim(node, item) for item in stood)
     evidence = tuple(_candidate(item) for item in weighed)
     return Partial(claims, node, held_out(node, validation, masks), evidence)
-
-
-def scatter_between(search: Search, node: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> dict[str, float]:
-    """Standard deviation of the declared parameters between fits of single records: what a user would see who flew again.
-
-    Each record has its derivatives for itself and the effects of the set in common; empty with fewer than three records, whose scatter
-    would say little, and with random motion.
-    """
-    records, all_masks = (*search.records, *validation), (*search.masks, *(masks or ()))
-    if len(records) < FEWEST or len(records) != len(all_masks) or is_forced(node.system):
-        return {}
-    flight = Flight(records, all_masks, search.model, tuple(search.outputs), search.settings)
-    shared = node.values.shared
-    names = [name for name in shared if name in search.model.parameters]
-    apart = flight.fit(node.effects, range(len(records)), None, shared, names)
-    return {} if apart is None else {name: float(np.std([own[name] for own in apart.values.own], ddof=1)) for name in names}
 
 
 def _starts(stood: Sequence[Stood]) -> dict[str, float]:

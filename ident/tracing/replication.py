@@ -19,6 +19,7 @@ from sim.record import Record
 
 AGREE = 3.0  # corrected sigmas that two records may differ by
 ALIKE = 0.4  # of the mean, a difference that no one would call another value
+KNOWN = 0.5  # of a value, the sigma above which a record does not tell it
 STANDS = 2.0  # corrected sigmas from absence
 
 
@@ -105,9 +106,10 @@ def _alike(found: Sequence[Quantity], absent: float | None) -> bool:
     zero = 0.0 if absent is None else absent
     weight = 1.0 / np.maximum(std, 0.05 * np.abs(values - zero) + 1e-300) ** 2
     mean = float(values @ weight / weight.sum())
-    if absent is None:
-        return True
     agree = np.abs(values - mean) <= np.maximum(AGREE * std, ALIKE * abs(mean - zero))
+    if absent is None:
+        # A limit, or a frequency: records that do not reach it say nothing, but one alone is no replication.
+        return bool(np.all(agree) and np.count_nonzero(std < KNOWN * np.abs(values)) >= min(2, len(found)))
     side = np.sign(values - zero) == np.sign(mean - zero)
     stand = np.abs(values - zero) > STANDS * std
     return bool(np.all(agree) and np.all(side | (np.abs(values - zero) < std)) and np.count_nonzero(stand) >= max(1, len(found) - 1))
