@@ -11,9 +11,11 @@ from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
+from ident.compatibility.replication import beside
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
-from ident.compatibility.search import Searched, Trial, beside, bias_estimates, estimate_of, search, tried
+from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried
 from sim.errors import RecordError
 from sim.record import Record
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.colour import corrected_covariance
-from ident.compatibility.fitting import Fit, bounded_inverse, covariance_of, linearised, positions, prior_information, unknowns_of, whitened
+from ident.compatibility.fitting import Fit, positions, prior_information, whitened
+from ident.compatibility.inverses import bounded_inverse, covariance_of
 from ident.compatibility.noise import walk_gains
+from ident.compatibility.unknowns import linearised, unknowns_of
 
 _PASSES = 4
 

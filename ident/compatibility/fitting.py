@@ -7,24 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import BIAS, DELAY, LAG, SensorFault
-from ident.compatibility.kinematics import reconstructed
+from ident.compatibility.faults import SensorFault
+from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.noise import NoiseEvidence, NoiseModel, Whitener, first_noise, settled_noise, whitener
 from ident.compatibility.signals import Signals
+from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
 
-Key = tuple[str, str]
 _ITERATIONS = 8
-_UNDETERMINED = 1e-9
 _SMALL = 2e-3  # twice the gain of a step that is not worth taking
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """A quantity of one record that every fit leaves free: its key, the size of a step to differentiate, and a prior sigma (infinite: none)."""
-
-    key: Key
-    step: float
-    prior: float = float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,67 +38,6 @@ class Fit:
     residuals: tuple[np.ndarray, ...]
     jacobians: tuple[np.ndarray, ...]
     outputs: tuple[np.ndarray, ...]
-
-
-def unknowns_of(s: Signals) -> tuple[Unknown, ...]:
-    """Starts of the states; biases that the relations need; without theta two numbers for gravity's turn; when nz jumps with an input, by how much
-    its integral may be off."""
-    out = [Unknown(("start", name), 1e-3) for name in s.outputs]
-    if "theta" in s.outputs:
-        out.append(Unknown(("q", BIAS), 1e-4))
-    if "alpha" in s.outputs:
-        out.append(Unknown(("nz", BIAS), 1e-3))
-        if "theta" not in s.channels:
-            out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
-        if s.jumps.size:
-            out.append(Unknown(("jump", "nz"), 1e-2, 1.0))
-    if "airspeed" in s.outputs:
-        out.append(Unknown(("ax", BIAS), 1e-3))
-    return tuple(out)
-
-
-def start_of(s: Signals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """First values: states as they are first measured, nz incremental or total, whichever is nearer."""
-    out = np.zeros(len(unknowns))
-    for i, item in enumerate(unknowns):
-        channel, kind = item.key
-        if channel == "start":
-            row = s.outputs.index(kind)
-            out[i] = float(np.median(s.channels[kind][np.flatnonzero(s.valid[row])[:5]])) if np.any(s.valid[row]) else 0.0
-        elif item.key == ("nz", BIAS):
-            level = float(np.mean(s.channels["nz"]))
-            out[i] = level if "theta" not in s.channels else (0.0 if level > 0.5 else -1.0)
-    return out
-
-
-def evaluate(s: Signals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
-    table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
-    for j, fault in enumerate(faults):
-        key = (fault.channel, fault.kind)
-        table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
-    none = np.zeros((1, 1))
-    return reconstructed(s, lambda channel, kind: table.get((channel, kind), none))
-
-
-def difference_step(fault: SensorFault) -> float:
-    """Step of a central difference; a lag's and a delay's are felt over several samples."""
-    return 0.004 if fault.kind in (DELAY, LAG) else 1e-3 * fault.plausible
-
-
-def linearised(
-    s: Signals, unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)`` in one call: one-sided differences for a record's own, central ones for faults."""
-    n, k = len(unknowns), len(faults)
-    step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])
-    centre = np.concatenate([own, sizes])
-    points = np.concatenate([centre[None], centre + np.diag(step), (centre - np.diag(step))[n:]])
-    y = np.broadcast_to(evaluate(s, unknowns, faults, points[:, :n], points[:, n:]), (len(s.outputs), n + 2 * k + 1, len(s.time)))
-    slope = np.empty((len(s.outputs), n + k, len(s.time)))
-    slope[:, :n] = (y[:, 1 : n + 1] - y[:, :1]) / step[:n, None]
-    slope[:, n:] = (y[:, n + 1 : n + k + 1] - y[:, n + k + 1 :]) / (2.0 * step[n:, None])
-    return y[:, 0], slope.transpose(0, 2, 1)
 
 
 def fit(
@@ -162,58 +91,6 @@ def fit(
     return Fit(
         tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, residuals, tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
     )
-
-
-def one_step(base: Fit, faults: Sequence[SensorFault]) -> list[Fit]:
-    """For each fault the fit in which it is added to ``base``, to first order and with the noise of ``base``: one linear solve each."""
-    white, at, slopes = whitened(base), positions(base), []
-    information, gradient = np.diag(prior_information(base)), np.zeros(sum(len(own) for own in base.own) + len(base.faults))
-    for s, own, (e, jacobian), where in zip(base.signals, base.own, white, at, strict=True):
-        J = jacobian.reshape(-1, jacobian.shape[2])
-        information[np.ix_(where, where)] += J.T @ J
-        gradient[where] += J.T @ e.ravel()
-        sizes = np.append(base.sizes, np.zeros(len(faults)))
-        slopes.append(linearised(s, unknowns_of(s), (*base.faults, *faults), own, sizes)[1][:, :, len(own) + len(base.faults) :])
-    total = sum(len(own) for own in base.own)
-    gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
-    added = [whitener(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0)) for s, slope in zip(base.signals, slopes, strict=True)]
-    return [_with_step(base, fault, j, white, at, slopes, added, information, gradient) for j, fault in enumerate(faults)]
-
-
-def _with_step(
-    base: Fit,
-    fault: SensorFault,
-    j: int,
-    white: Sequence[tuple[np.ndarray, np.ndarray]],
-    at: Sequence[np.ndarray],
-    slopes: Sequence[np.ndarray],
-    added: Sequence[np.ndarray],
-    information: np.ndarray,
-    gradient: np.ndarray,
-) -> Fit:
-    n = len(gradient)
-    whole, right = np.zeros((n + 1, n + 1)), np.append(gradient, 0.0)
-    whole[:n, :n] = information
-    for (e, jacobian), where, columns in zip(white, at, added, strict=True):
-        column = columns[:, :, j].ravel()
-        whole[n, n] += column @ column
-        whole[where, n] += jacobian.reshape(-1, jacobian.shape[2]).T @ column
-        right[n] += column @ e.ravel()
-    whole[n, :n] = whole[:n, n]
-    step = bounded_inverse(whole) @ right
-    step[n] = float(np.clip(step[n], -fault.largest, fault.largest))
-    own, residuals, jacobians, outputs = [], [], [], []
-    for r, (s, where, slope) in enumerate(zip(base.signals, at, slopes, strict=True)):
-        jacobian = np.concatenate([base.jacobians[r], slope[:, :, j : j + 1]], axis=2)
-        change = jacobian @ np.append(step[where], step[n])
-        own.append(base.own[r] + step[where[: len(base.own[r])]])
-        residuals.append(np.where(s.valid, base.residuals[r] - change, 0.0))
-        jacobians.append(jacobian)
-        outputs.append(base.outputs[r] + change)
-    total = sum(len(o) for o in own)
-    sizes = np.append(base.sizes + step[total:n], step[n])
-    cost = base.cost - 0.5 * max(float(right @ step), 0.0)
-    return Fit(base.signals, (*base.faults, fault), sizes, tuple(own), base.noise, cost, tuple(residuals), tuple(jacobians), tuple(outputs))
 
 
 def _misfit(
@@ -280,21 +157,6 @@ def _normal(
         information[np.arange(at, at + len(o)), np.arange(at, at + len(o))] += prior
         at += len(o)
     return information, gradient
-
-
-def covariance_of(information: np.ndarray) -> np.ndarray:
-    """Inverse in which a direction that is not determined keeps a variance far beyond all others."""
-    scale = 1.0 / np.sqrt(np.where(np.diag(information) > 0, np.diag(information), 1.0))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    return np.asarray(np.outer(scale, scale) * ((vectors / np.maximum(values, _UNDETERMINED * max(float(values[-1]), 1e-300))) @ vectors.T))
-
-
-def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse without directions that hold less than 1e-12 of the scaled information."""
-    scale = 1.0 / np.sqrt(np.where(np.diag(information) > 0, np.diag(information), 1.0))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    told = values > 1e-12 * max(float(values[-1]), 1e-300)
-    return np.asarray(np.outer(scale, scale) * ((vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)) @ vectors.T))
 
 
 def _residual(s: Signals, y: np.ndarray) -> np.ndarray:

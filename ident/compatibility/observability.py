@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.compatibility.faults import BIAS, DELAY, DRIFT, LAG, SCALE, SensorFault, faults_of
-from ident.compatibility.fitting import Fit, bounded_inverse, evaluate, linearised, unknowns_of
+from ident.compatibility.fitting import Fit
+from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.noise import NoiseModel, whitener
+from ident.compatibility.unknowns import evaluate, linearised, unknowns_of
 
 _MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
 _PIVOT = 0.3

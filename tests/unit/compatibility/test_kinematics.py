@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.compatibility.faults import SensorFault
-from ident.compatibility.fitting import evaluate, fit, linearised, start_of, unknowns_of
+from ident.compatibility.fitting import fit
 from ident.compatibility.noise import NoiseModel, smoothed_walk, walk_gains, whitener
 from ident.compatibility.signals import Signals, relations, signals_of
+from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
 from tests.oracles.flight_path import Sensors
 from tests.unit.compatibility.flights import ALL, FOUR, SPEED, THREE, record
 

@@ -1,0 +1,109 @@
+"""One fault tried beside others: its fit, gain and variance, and its estimate by both methods."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ident.compatibility.estimates import difference_in_sigmas, output_error, smoother_sigmas
+from ident.compatibility.faults import BIAS, SensorFault
+from ident.compatibility.first_order import one_step
+from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.result import Quantity, SensorEstimate
+from ident.compatibility.unknowns import unknowns_of
+
+_WORTH = 2.5  # first-order gain from which a fault is fitted in full
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and p-value over the colour of what is left."""
+
+    fault: SensorFault
+    found: Fit
+    size: float
+    white: float
+    variance: float
+    gain: float
+    p_value: float
+
+    @property
+    def told(self) -> bool:
+        return 0.0 < self.variance < self.fault.plausible**2
+
+
+def tried(base: Fit, faults: Sequence[SensorFault]) -> list[Trial]:
+    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to matter."""
+    out = []
+    for fault, quick in zip(faults, one_step(base, faults), strict=True):
+        first = _trial(base, fault, quick)
+        worth = first.gain > _WORTH or abs(first.size) > 0.5 * fault.plausible
+        out.append(_trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first)
+    return out
+
+
+def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
+    sigmas = smoother_sigmas(found)
+    white = float(sigmas.covariance[-1, -1])
+    widening = float(sigmas.widening[-1])
+    gain = max(base.cost - found.cost, 0.0) / widening
+    return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
+
+
+def p_value(gain: float, size: float, fault: SensorFault) -> float:
+    """Chance of such a gain of the log likelihood where the fault is absent."""
+    from scipy.special import chdtrc
+
+    if fault.one_sided:
+        return 0.5 * float(chdtrc(1.0, 2.0 * gain)) if size > 0 else 1.0 - 0.5 * float(chdtrc(1.0, 2.0 * gain))
+    return float(chdtrc(1.0, 2.0 * gain))
+
+
+def estimate_of(trial: Trial) -> SensorEstimate:
+    """A fault by both methods."""
+    values, covariance = output_error(trial.found)
+    widening = trial.variance / trial.white if trial.white > 0 else 1.0
+    own = float(covariance[-1, -1]) * widening
+    difference = difference_in_sigmas(float(values[-1]), own, trial.size, trial.variance)
+    fault = trial.fault
+    return SensorEstimate(
+        fault.name,
+        fault.channel,
+        fault.kind,
+        fault.unit,
+        Quantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
+        Quantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
+        difference if trial.told else 0.0,
+        trial.gain,
+        trial.p_value,
+        trial.told,
+    )
+
+
+def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
+    """The biases that every fit of one record leaves free."""
+    sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
+    out = []
+    for i, item in enumerate(unknowns_of(base.signals[0])):
+        if item.key[1] != BIAS:
+            continue
+        fault = SensorFault(item.key[0], BIAS)
+        wide = float(sigmas.widening[i])
+        one, other = float(covariance[i, i]) * wide, float(sigmas.covariance[i, i]) * wide
+        value = float(base.own[0][i])
+        out.append(
+            SensorEstimate(
+                fault.name,
+                fault.channel,
+                BIAS,
+                fault.unit,
+                Quantity(float(values[i]), math.sqrt(one)),
+                Quantity(value, math.sqrt(other)),
+                difference_in_sigmas(float(values[i]), one, value, other),
+                0.0,
+                1.0,
+                True,
+            )
+        )
+    return tuple(out)
