@@ -114,14 +114,14 @@ def fly(
     hold = Sum(by_input).hold
     grid = make_grid(np.asarray(time, dtype=float), step)
     p = system.parameters.values().tolist()
-    drive = _drive(system, p, by_input, grid)
+    drive = drive_from_maneuvers(system, p, by_input, grid)
     densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
     walking = _walking(model, system)
     if densities or walking:
         states, walks = propagate_forced(system, p, drive, grid, method, densities, walking, rng)
     else:
         states, walks = propagate(system, p, system.initial.values().tolist(), drive, grid, method), {}
-    _refuse_divergence(model, grid, states)
+    refuse_divergence(model, grid, states)
     at = grid.sample
     clean = outputs_with_walks(system, p, states, walks, drive, grid) if walks else outputs_at_samples(system, p, states, drive, grid)
     measured = measurement or Measurement()
@@ -174,7 +174,8 @@ def _assigned(system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | Non
     return tuple(table.get(key, Sum()) for key in names)
 
 
-def _drive(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid) -> Drive:
+def drive_from_maneuvers(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid) -> Drive:
+    """Inputs at the vehicle for one maneuver an input, every switch at its own time."""
     if system.input_stages:
         edges = cell_edges(grid)
         return drive_from_cells(system, p, [maneuver.mean(edges[:-1], edges[1:]) for maneuver in by_input], edges, grid)
@@ -215,7 +216,8 @@ def _walking(model: Model, system: System) -> dict[str, float]:
     return walking
 
 
-def _refuse_divergence(model: Model, grid: Grid, states: Sequence[np.ndarray]) -> None:
+def refuse_divergence(model: Model, grid: Grid, states: Sequence[np.ndarray]) -> None:
+    """ModelError with the time from which states ``(M + 1,)`` at the edges are not finite."""
     finite = np.all(np.isfinite(states), axis=0)
     if not np.all(finite):
         when = grid.edges[int(np.argmin(finite))]
