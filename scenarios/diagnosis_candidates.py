@@ -51,4 +51,5 @@ def candidate_row(c: Candidate) -> tuple[str, ...]:
 
 def _estimate(name: str, quantity: Quantity) -> str:
     value, _, unit = displayed(quantity, name)
-    return f"about {value:.3g}{f' {unit}' if unit not in ('', '1') else ''}"
+    shown = f"{value:.1f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"  # a moment late in a record
+    return f"about {shown}{f' {unit}' if unit not in ('', '1') else ''}"

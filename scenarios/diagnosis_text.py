@@ -10,7 +10,7 @@ from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis_kinematics import kinematics_lines
-from scenarios.effect_wording import Wording, group_sentence, parameter_text, sentence, value_text
+from scenarios.effect_wording import DEGREES, Wording, group_sentence, parameter_text, sentence, value_text
 from scenarios.record_scatter import NOTE
 from scenarios.separating import separating_maneuvers
 from scenarios.text_tables import WIDTH, wrapped
@@ -34,7 +34,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, NOTE if d.scatter else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
         _titled(derived_title, ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
-        _titled(WEIGHED_TITLE, ("effect", "held-out", "", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
+        _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
@@ -44,7 +44,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
 
 WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
 MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
-CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "")
+CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
 
 
@@ -109,11 +109,12 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
 
 
 def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """Channel, unit, error before and after, noise floor."""
+    """Channel, unit, error before and after, noise floor; angles and their rates in degrees."""
     rows: list[tuple[str, ...]] = []
     for channel, before in d.error_before.rmse.items():
         after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
-        rows.append((channel, UNITS.get(channel, ""), _short(before), _short(after), _short(floor)))
+        factor, unit = _shown(channel)
+        rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
     return rows
 
 
@@ -195,14 +196,15 @@ def _untouched(tracing: Tracing) -> str:
 
 def _error_phrase(tracing: Tracing) -> str:
     d = tracing.diagnosis
-    before, after = d.error_before.rmse, d.error_after.rmse
+    before, after, floors = d.error_before.rmse, d.error_after.rmse, d.noise_floor
     channels = [name for name in before if name in after]
     if not channels:
         return ""
-    fell = max(channels, key=lambda name: (before[name] - after[name]) / (d.noise_floor.get(name) or before[name] or 1.0))
-    unit, floor = UNITS.get(fell, ""), d.noise_floor.get(fell)
-    change = f"{_short(before[fell])} -> {_short(after[fell])}" if _short(before[fell]) != _short(after[fell]) else _short(after[fell])
-    tail = f", noise floor {_short(floor)}" if floor is not None else ""
+    fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
+    factor, unit = _shown(fell)
+    old, new = _short(factor * before[fell]), _short(factor * after[fell])
+    change = f"{old} -> {new}" if old != new else new
+    tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
     return f"{LONG.get(fell, fell)} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
 
@@ -210,6 +212,12 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
+
+
+def _shown(channel: str) -> tuple[float, str]:
+    """What turns a channel's numbers into those that people read, and their unit."""
+    unit = UNITS.get(channel, "")
+    return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 
 def _short(value: float) -> str:

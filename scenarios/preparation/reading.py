@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -89,12 +90,16 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
         trimmed = [about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
-        told += [f"{record.name}: trim of {name} taken off, {value:.4g} {units[name]}" for name, value in trims.items()]
+        told += [f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}" for name, value in trims.items()]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []
     doubts = tuple(flow_doubts(records, model))
     return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
+
+
+def _shown(value: float, unit: str) -> str:
+    return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value:.4g} {unit}"
 
 
 def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:

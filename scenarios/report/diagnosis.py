@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios import diagnosis_text as text
 from scenarios.diagnosing import Tracing
-from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
+from scenarios.diagnosis_candidates import GUARD, candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables
 from scenarios.diagnosis_figures import CAPTIONS, figure_stems
 from scenarios.diagnosis_kinematics import kinematics_lines
@@ -72,6 +72,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures) if stem != "replication"],
         steps=[step.sentence for step in d.steps],
         candidates=candidate_rows(d, len(d.candidates)),
+        guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),
         tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
         inputs=[("fitted", file) for file in tracing.inputs.records]
         + [("held out", file) for file in tracing.inputs.validation]

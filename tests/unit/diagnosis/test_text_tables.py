@@ -11,7 +11,7 @@ from scenarios.diagnosis_text import diagnosis_text
 from scenarios.text_tables import WIDTH, table, wrapped
 from tests.diagnoses import proven_tracing, tracing_of
 
-HEADS = ("round", "candidate", "gain", "p", "held-out", "parameters", "")
+HEADS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")
 ROWS = [
     ("1", "sensor-lag:alpha", "420.0", "3e-90", "-74.0 %", "time_constant 0.061 +- 0.002 s", "like sensor-delay:alpha, vane-offset"),
     ("2", "actuator-saturation + unmeasured-input", "928.3", "<1e-300", "-", "start 17.976 +- 0.002 s, lift 0.0254 +- 0.0006", ""),

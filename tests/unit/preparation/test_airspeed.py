@@ -120,7 +120,7 @@ def test_a_speed_that_is_none_is_refused_and_one_far_off_is_told() -> None:
         with_flow(declared(), [slow])
     indicated = replace(record, outputs=(Channel.of("airspeed", "m/s", 0.8 * flown.airspeed), record.outputs[1]))
     slower, denser = flow_doubts([record, replace(indicated, name="indicated.csv")], declared())
-    assert slower.startswith("indicated.csv: the measured airspeed, ") and "in the vehicle file; mend airspeed there" in slower
+    assert slower.startswith("indicated.csv: the measured airspeed, ") and "at that speed; mend airspeed there, or" in slower
     assert "1.5 kg/m3, is far from 0.96 kg/m3" in denser and "mend air_density there" in denser
     assert not flow_doubts([record], declared()) and not flow_doubts([record.only(())], declared())
     heavy = replace(record, outputs=(Channel.of("dynamic_pressure", "Pa", 1.5 * flown.dynamic_pressure),))

@@ -114,8 +114,8 @@ def test_trims_and_the_measured_speed_are_told(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="time,elevator,alpha,q,nz,airspeed", comments="", fmt="%.12g")
     ready = prepare([tmp_path / "r.csv"], declared(), Plan())
     told = "\n".join(ready.notes)
-    taken = re.search(r"r\.csv: trim of elevator taken off, ([0-9.]+) rad", told)
-    assert taken is not None and abs(float(taken[1]) - 0.03) < 0.001
+    taken = re.search(r"r\.csv: trim of elevator taken off, ([0-9.]+) deg", told)
+    assert taken is not None and abs(np.radians(float(taken[1])) - 0.03) < 0.001
     assert "measured airspeed used, 117 to 130 m/s (declared 130 m/s)" in told
     assert "the lift that carries the weight follows the measured pressure" in told and "speed-variation is no candidate" in told
     assert ready.fitted[0].input_names == ("elevator", "airspeed_change", "lift")
