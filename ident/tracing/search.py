@@ -6,6 +6,8 @@ effect has to show that it is still needed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
@@ -18,15 +20,25 @@ GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
 DOMINANT = 3.0  # times what the best single cause brings: random motion that brings so much is no stand-in for a cause
 
 
-def grow(search: Search, root: Node) -> Node:
-    """Add effects round by round; returns the best node found.
+def first_round(search: Search, root: Node) -> list[Node]:
+    """The best sets of one effect, a beam of them."""
+    search.keep(root, root.criterion)
+    return [freer_form(search, node) for node in _best(search, expand(search, root, 1))]
+
+
+def defies(root: Node, first: Sequence[Node]) -> bool:
+    """Whether neither the declared model nor any single effect comes anywhere near noise in any channel of any record."""
+    return all(is_coloured_throughout(node, GROSSLY) for node in (root, *first))
+
+
+def grow(search: Search, root: Node, first: Sequence[Node]) -> Node:
+    """Add effects round by round to the sets of the first one; returns the best node found.
 
     The best set is extended first. Where nothing can be added to it and its residual is white the search is over: a
     second-best set is looked at only as long as something is missing from the best. Random motion takes in whatever has
     a cause, so it is offered only where no single cause leaves noise.
     """
-    search.keep(root, root.criterion)
-    first = beam = [freer_form(search, node) for node in _best(search, expand(search, root, 1))]
+    beam = list(first)
     moving: list[Node] = []
     if not any(is_white(node) for node in beam):
         moving = with_random_motion(search, root, 1)
@@ -77,7 +89,7 @@ def extended(search: Search, root: Node, node: Node) -> Node:
     return best
 
 
-def _moving(search: Search, nodes: list[Node], number: int) -> list[Node]:
+def _moving(search: Search, nodes: Sequence[Node], number: int) -> list[Node]:
     """The nodes with random motion, as far as that leaves noise."""
     return [moved for node in nodes for moved in with_random_motion(search, node, number) if is_white(moved)]
 

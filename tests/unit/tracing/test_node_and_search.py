@@ -14,7 +14,7 @@ from ident.tracing.acceptance import HeldOut, held_out
 from ident.tracing.diagnosis import Claim, Verdict
 from ident.tracing.expansion import expand, quantities
 from ident.tracing.node import Node, carried, compiled_with, free_names
-from ident.tracing.search import grow, look_back, refined
+from ident.tracing.search import first_round, grow, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.verdict import judge
 from sim.effect import Effect
@@ -35,7 +35,7 @@ def found_by(records: Sequence[Record], candidates: Sequence[Effect] = FEW) -> t
     """A search, its root and the set it ends with."""
     search = search_of(records, candidates)
     root = fitted(search)
-    return search, root, refined(search, look_back(search, grow(search, root)))
+    return search, root, refined(search, look_back(search, grow(search, root, first_round(search, root))))
 
 
 # Nodes.
@@ -185,7 +185,7 @@ def test_an_exhausted_search_adds_nothing() -> None:
     root = fitted(search)
     assert search.exhausted
     assert expand(search, root, 1) == []
-    assert search.evidence == [] and grow(search, root).names == ()
+    assert search.evidence == [] and grow(search, root, first_round(search, root)).names == ()
 
 
 def test_work_is_counted_and_ends_the_search() -> None:
@@ -194,14 +194,15 @@ def test_work_is_counted_and_ends_the_search() -> None:
         [SensorLag("q"), SensorScale("nz"), SensorLag("alpha")], {**LAG, "sensor-scale:nz.scale": 1.3, "sensor-lag:alpha.time_constant": 0.1}
     )
     free = search_of([record], FEW)
-    grow(free, fitted(free))
+    root = fitted(free)
+    grow(free, root, first_round(free, root))
     before = search_of([record], FEW)
     fitted(before)
     assert 0.0 < before.spent < 0.3 * free.spent
     tight = search_of([record], FEW, replace(SETTINGS, budget=before.spent + 0.5))
     root = fitted(tight)
     assert tight.spent < tight.settings.budget
-    grow(tight, root)
+    grow(tight, root, first_round(tight, root))
     assert tight.exhausted
     assert tight.spent < 0.6 * free.spent
     assert sum(candidate.fitted for candidate in tight.evidence) < sum(candidate.fitted for candidate in free.evidence)
