@@ -72,7 +72,8 @@ def reference(study: StandInStudy) -> PseudoTrue | None:
     claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects}
     rng = np.random.default_rng((SPREAD, study.seed))
     try:
-        return pseudo_true(study.flight.drawn, claims, study.standin.draws, rng, len(study.tracing.records))
+        found = {row.name: row.after.value for row in study.derivatives}
+        return pseudo_true(study.flight.drawn, claims, study.standin.draws, rng, len(study.tracing.records), found)
     except (FlightidError, np.linalg.LinAlgError):
         return None
 

@@ -8,11 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.preparation.airspeed import with_flow
+from scenarios.standin.declaration import MEASURED
 from scenarios.standin.drawing import Drawn
-from scenarios.standin.fitting import declared_model, estimated, fitted
-from scenarios.standin.flying import fly_drawn
+from scenarios.standin.fitting import declared_model
+from scenarios.standin.flying import fly_draws
+from scenarios.standin.joint_fit import Point, fit_together
 from sim.effect import Effect, Regularity
 from sim.effects.library import find_effect
+from sim.errors import ModelError
+from sim.system import compile_model
+
+SPEED = ("airspeed", "dynamic_pressure")
+FEW = 2  # draws that a fit to many begins with
+FOLD = 10  # as many again in the next one
 
 # Of random forcing, isolated samples and what belongs to one record, nothing carries over to other flights.
 _OF_ONE_RECORD = (Regularity.PROCESS_NOISE, Regularity.OUTLIER)
@@ -32,32 +40,53 @@ class PseudoTrue:
 
 
 def pseudo_true(
-    drawn: Drawn, effects: Mapping[str, Mapping[str, float]], draws: int, rng: np.random.Generator, count: int | None = None
+    drawn: Drawn,
+    effects: Mapping[str, Mapping[str, float]],
+    draws: int,
+    rng: np.random.Generator,
+    count: int | None = None,
+    starts: Mapping[str, float] | None = None,
 ) -> PseudoTrue:
-    """Fit the declared model with effects to many flights of the same plan.
+    """The declared model with effects, fitted to many flights of the same plan together.
 
-    Each draw has its own gusts, thrust, masses, trims and noise of the elevator's record, and no sensor noise. Its records are
-    fitted together; draws are joined by their information, which for the many that are wanted is the fit to all at once.
+    Each draw has its own gusts, thrust, masses, trims and noise of the elevator's record, and no sensor noise. Parameters are shared by
+    all records of all draws, biases and initial states are each record's own; standard errors are those of the scores' scatter over draws.
 
     Parameters
     ----------
     effects : what the model has beyond the derivatives, by name with local values to start from (empty for the hidden ones, which start
         from the truth). Effects that random forcing, isolated samples or one record make are left out.
     draws : at least two. count : how many of the plan's records are fitted, all when None.
+    starts : derivatives to start from, nominal where it has none: the nearer, the sooner done.
+
+    Raises
+    ------
+    ModelError : no finite cost, or a fit that does not settle. numpy.linalg.LinAlgError : an unknown that nothing determines.
     """
     added = [item for item in (_effect(drawn, name, values) for name, values in effects.items()) if item is not None]
     nominal = {name: drawn.declared.parameters[name].value for name in drawn.starts}
-    model = declared_model(drawn.declared, nominal, added)
-    estimates = []
-    for generator in rng.spawn(max(2, draws)):
-        # A speed that is recorded is used here as it is in a diagnosis.
-        wider, records = with_flow(model, [flown.record for flown in fly_drawn(drawn, generator, noise=False, count=count)])
-        estimates.append(estimated(fitted(records, wider)))
-    values, weights = [e.values for e in estimates], [np.linalg.inv(e.covariance) for e in estimates]
-    joined = np.linalg.solve(np.sum(weights, axis=0), np.sum([w @ v for w, v in zip(weights, values, strict=True)], axis=0))
-    std = np.std(values, axis=0, ddof=1) / np.sqrt(len(values))
-    names = estimates[0].names
-    return PseudoTrue(dict(zip(names, joined.tolist(), strict=True)), dict(zip(names, std.tolist(), strict=True)), nominal)
+    begun = {name: (starts or {}).get(name, value) for name, value in nominal.items()}
+    model = declared_model(drawn.declared, begun, added)
+    # A speed that is recorded is used here as it is in a diagnosis.
+    flown = fly_draws(drawn, rng.spawn(max(2, draws)), (*MEASURED, *SPEED), count=count)
+    wider = [with_flow(model, records) for records in flown]
+    system = compile_model(wider[0][0], MEASURED)
+    records = [[record.only(MEASURED) for record in carrying] for _, carrying in wider]
+    many = FEW
+    joint = fit_together(records[:many], system)
+    while many < len(records):
+        many = min(FOLD * many, len(records))
+        joint = fit_together(records[:many], system, _carried(joint.point, many, len(records[0])))
+    if not joint.settled:
+        raise ModelError("the fit to all draws does not settle", where=", ".join(effects) or "no effect", remedy="start from other values")
+    std = np.sqrt(np.diag(joint.covariance))
+    values = dict(zip(joint.names, joint.point.shared.tolist(), strict=True))
+    return PseudoTrue(values, dict(zip(joint.names, std.tolist(), strict=True)), nominal)
+
+
+def _carried(point: Point, draws: int, records: int) -> Point:
+    """A start for many draws: in each the biases, initial states and trajectories of the first one's ``records``, whose maneuvers they share."""
+    return Point(point.shared, np.tile(point.own[:records], (draws, 1)), point.states[:records] * draws)
 
 
 def _effect(drawn: Drawn, name: str, values: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]] | None:
