@@ -105,7 +105,8 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
 def _print(found: Identification) -> None:
     from rich.table import Table
 
-    from scenarios.effect_wording import determined
+    from ident.tracing.diagnosis import Quantity
+    from scenarios.effect_wording import determined, displayed
     from scenarios.printing import console, derived_line, number, test_line
 
     estimate, terminal = found.estimate, console()
@@ -126,7 +127,10 @@ def _print(found: Identification) -> None:
         share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
         table.add_row(row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun)
     terminal.print(table)
-    noise = ", ".join(f"{name} {std:.3g}" for name, std in zip(estimate.output_names, estimate.noise_std, strict=True))
+    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
+    levels = zip(estimate.output_names, estimate.noise_std, strict=True)
+    shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
+    noise = ", ".join(f"{name} {value:.3g}{f' {unit}' if unit != '1' else ''}" for name, (value, _, unit) in shown)
     terminal.print(f"residual (1 sigma): {noise}", highlight=False)
     for line in (derived_line(found.derived), test_line(found.tests), *(f"note: {note}" for note in found.notes)):
         if line:

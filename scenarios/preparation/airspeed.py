@@ -104,10 +104,11 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
     told = []
     if far := _far(speeds, model, "airspeed"):
         what = "the airspeed that the measured dynamic pressure makes with the declared air" if from_pressure else "the measured airspeed"
+        mend = "airspeed or air_density" if from_pressure else "airspeed"
         cause = "unit of the dynamic pressure" if from_pressure else "unit of the column and whether it is a true airspeed"
         meant = "natural frequency and damping are those at that speed"
         apart = f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file"
-        told.append(f"{apart}: {meant}; mend airspeed there, or check the {cause}")
+        told.append(f"{apart}: {meant}; mend {mend} there, or check the {cause}")
     if far := _far(densities, model, "air_density"):
         what = f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far from {far[2]} kg/m3 in the vehicle file"
         told.append(f"{far[0]}: {what}; mend air_density there, or check whether the airspeed is a true one")
