@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.instruments import instruments_of
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.replication import beside
@@ -59,6 +60,9 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
             channels, {}, empty, tuple(replace(empty, records=(r.name,)) for r in records), (), _closed_by(channels, joined), tuple(notes)
         )
     signals = [signals_of(record, usable, settings.airspeed, settings.gravity, settings.vane_arm) for record in records]
+    controls = [instruments_of(record) for record in records]
+    if all(each.shape[1] for each in controls):
+        signals = [replace(s, instruments=each) for s, each in zip(signals, controls, strict=True)]
     for s in signals:
         notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
     used = tuple(name for name in usable if name in signals[0].channels)

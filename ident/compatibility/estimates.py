@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.colour import corrected_covariance
 from ident.compatibility.fitting import Fit, positions, prior_information, whitened
+from ident.compatibility.instruments import part_of_controls
 from ident.compatibility.inverses import bounded_inverse, covariance_of
 from ident.compatibility.noise import walk_gains
 from ident.compatibility.unknowns import linearised, unknowns_of
@@ -49,6 +50,7 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
     largest = np.array([fault.largest for fault in found.faults])
     total = len(prior) - len(sizes)
     lines = list(zip(found.outputs, found.jacobians, strict=True))
+    parts = [part_of_controls(s) for s in found.signals]
     for turn in range(_PASSES):
         if turn:
             lines = [linearised(s, u, found.faults, o, sizes) for s, u, o in zip(found.signals, unknowns, own, strict=True)]
@@ -58,8 +60,8 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
         variance = np.maximum(np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30)
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
-        for s, e, (_, slope), where in zip(found.signals, residuals, lines, at, strict=True):
-            J = np.where(s.valid[:, :, None], slope, 0.0) / variance[:, None, None]
+        for s, part, e, (_, slope), where in zip(found.signals, parts, residuals, lines, at, strict=True):
+            J = part(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
             information[np.ix_(where, where)] += np.einsum("mnc,mnd->cd", J, slope)
             gradient[where] += np.einsum("mnc,mn->c", J, e)

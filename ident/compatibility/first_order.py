@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit, positions, prior_information, whitened
+from ident.compatibility.instruments import weigher
 from ident.compatibility.inverses import bounded_inverse
-from ident.compatibility.noise import whitener
 from ident.compatibility.unknowns import linearised, unknowns_of
 
 
@@ -25,7 +25,7 @@ def one_step(base: Fit, faults: Sequence[SensorFault]) -> list[Fit]:
         slopes.append(linearised(s, unknowns_of(s), (*base.faults, *faults), own, sizes)[1][:, :, len(own) + len(base.faults) :])
     total = sum(len(own) for own in base.own)
     gradient[:total] -= prior_information(base)[:total] * np.concatenate(base.own)
-    added = [whitener(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0)) for s, slope in zip(base.signals, slopes, strict=True)]
+    added = [weigher(s, base.noise)(np.where(s.valid[:, :, None], slope, 0.0)) for s, slope in zip(base.signals, slopes, strict=True)]
     return [_with_step(base, fault, j, white, at, slopes, added, information, gradient) for j, fault in enumerate(faults)]
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.compatibility.faults import SensorFault
+from ident.compatibility.instruments import Weigher, weigher
 from ident.compatibility.inverses import bounded_inverse
-from ident.compatibility.noise import NoiseEvidence, NoiseModel, Whitener, first_noise, settled_noise, whitener
+from ident.compatibility.noise import NoiseEvidence, NoiseModel, first_noise, settled_noise, whitener
 from ident.compatibility.signals import Signals
 from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
 
@@ -62,7 +63,7 @@ def fit(
     lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
     cost = 0.0
     for turn in range(passes):
-        whiteners = [whitener(s, noise) for s in signals]
+        whiteners = [weigher(s, noise) for s in signals]
         for _ in range(_ITERATIONS):
             information, gradient = _normal(signals, priors, own, lines, whiteners)
             step = bounded_inverse(information) @ gradient
@@ -98,7 +99,7 @@ def _misfit(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
-    whiteners: Sequence[Whitener],
+    whiteners: Sequence[Weigher],
 ) -> float:
     """Half the sum of squares under given noise, priors included."""
     total = 0.0
@@ -112,11 +113,14 @@ def _misfit(
 
 
 def whitened(found: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples of variance one."""
+    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples of variance one.
+
+    With instruments the jacobian is their part of it: its product with the residual is the gradient all the same.
+    """
     out = []
     for s, residual, jacobian in zip(found.signals, found.residuals, found.jacobians, strict=True):
-        white = whitener(s, found.noise)(np.concatenate([residual[:, :, None], np.where(s.valid[:, :, None], jacobian, 0.0)], axis=2))
-        out.append((white[:, :, 0], white[:, :, 1:]))
+        e = whitener(s, found.noise)(residual[:, :, None])[:, :, 0]
+        out.append((e, weigher(s, found.noise)(np.where(s.valid[:, :, None], jacobian, 0.0))))
     return out
 
 
@@ -140,7 +144,7 @@ def _normal(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Whitener],
+    whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns of each record first."""
     total = sum(len(o) for o in own)

@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
 from ident.compatibility.fitting import Fit, positions
+from ident.compatibility.instruments import weigher
 from ident.compatibility.inverses import bounded_inverse
-from ident.compatibility.noise import whitener
 from ident.compatibility.trials import Trial
 from ident.compatibility.unknowns import evaluate, unknowns_of
 
@@ -39,7 +39,7 @@ def _change(current: Fit, best: Trial, trial: Trial) -> np.ndarray:
         after = evaluate(s, unknowns_of(s), (*current.faults, trial.fault), current.own[r][None], sizes)[:, 0]
         before = evaluate(s, unknowns_of(s), current.faults, current.own[r][None], current.sizes[None])[:, 0]
         change = np.where(s.valid, after - before, 0.0)[:, :, None]
-        white = whitener(s, best.found.noise)(np.concatenate([change, np.where(s.valid[:, :, None], current.jacobians[r], 0.0)], axis=2))
+        white = weigher(s, best.found.noise)(np.concatenate([change, np.where(s.valid[:, :, None], current.jacobians[r], 0.0)], axis=2))
         wide = np.zeros((white.shape[0] * white.shape[1], int(at[-1].max()) + 1 if len(at[-1]) else 0))
         wide[:, at[r]] = white[:, :, 1:].reshape(len(wide), -1)
         parts.append(white[:, :, 0].ravel())

@@ -8,8 +8,9 @@ import numpy as np
 
 from ident.compatibility.faults import BIAS, DELAY, DRIFT, LAG, SCALE, SensorFault, faults_of
 from ident.compatibility.fitting import Fit
+from ident.compatibility.instruments import weigher
 from ident.compatibility.inverses import bounded_inverse
-from ident.compatibility.noise import NoiseModel, whitener
+from ident.compatibility.noise import NoiseModel
 from ident.compatibility.unknowns import evaluate, linearised, unknowns_of
 
 _MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
@@ -61,7 +62,7 @@ def fault_information(base: Fit, noise: NoiseModel, faults: Sequence[SensorFault
                 late = sizes.copy()
                 late[j] = fault.plausible
                 columns[:, :, len(free) + j] = evaluate(s, unknowns, faults, own[None], late[None])[:, 0] - y
-        white = whitener(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(-1, columns.shape[2])
+        white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(-1, columns.shape[2])
         whole = white.T @ white
         for i, place in enumerate(free):
             whole[i, i] += 1.0 / unknowns[place].prior ** 2

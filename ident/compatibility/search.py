@@ -11,7 +11,7 @@ from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.grouping import grouped, same_lateness
 from ident.compatibility.replication import replicates
 from ident.compatibility.result import CompatibilitySettings, SensorFinding
-from ident.compatibility.trials import Trial, tried
+from ident.compatibility.trials import Trial, instrumented, tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
         if len(groups) == settings.most:
             break
         best = _best([trial for trial in left if trial.fault not in {t.fault for t in refused}], level)
-        early = _early(left)
+        early = None if instrumented(base) else _early(left)
         if best is not None and early is not None and early.gain > best.gain:
             stopped = early
         if best is None or stopped is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class Signals:
     vane_arm : m, known beforehand.
     jumps : ``(N,)`` g, about how far nz may have jumped at the held inputs' switches, summed up; empty without a held input.
     spikes : number of isolated wrong samples set aside, by channel.
+    instruments : ``(N, L)``, what the recorded controls have moved (``ident.compatibility.instruments``); none where no control is recorded.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Signals:
     vane_arm: float
     jumps: np.ndarray
     spikes: Mapping[str, int]
+    instruments: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def steps(self) -> np.ndarray:

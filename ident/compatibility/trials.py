@@ -47,8 +47,15 @@ def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
     sigmas = smoother_sigmas(found)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    gain = max(base.cost - found.cost, 0.0) / widening
+    size = float(found.sizes[-1])
+    # A likelihood counts what a gust explains too; the controls' part of it is the size in standard deviations.
+    gain = 0.5 * size**2 / (white * widening) if instrumented(base) else max(base.cost - found.cost, 0.0) / widening
     return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
+
+
+def instrumented(base: Fit) -> bool:
+    """Whether every record has controls that tell a gust from a fault."""
+    return all(s.instruments.shape[1] for s in base.signals)
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:

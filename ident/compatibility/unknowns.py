@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.compatibility.faults import BIAS, DELAY, LAG, SensorFault
+from ident.compatibility.faults import BIAS, DELAY, LAG, SCALE, SensorFault
 from ident.compatibility.kinematics import reconstructed
 from ident.compatibility.signals import Signals
 
 Key = tuple[str, str]
+_SPEED = 0.015  # share by which an airspeed that is not recorded may be off: it divides the load as a scale does
 
 
 @dataclass(frozen=True)
@@ -24,13 +25,16 @@ class Unknown:
 
 
 def unknowns_of(s: Signals) -> tuple[Unknown, ...]:
-    """Starts of the states; biases that the relations need; without theta two numbers for gravity's turn; when nz jumps with an input, by how much
+    """Starts of the states; biases that the relations need; without theta two numbers for gravity's turn; without an airspeed how far
+    the given one is off; when nz jumps with an input, by how much
     its integral may be off."""
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     if "theta" in s.outputs:
         out.append(Unknown(("q", BIAS), 1e-4))
     if "alpha" in s.outputs:
         out.append(Unknown(("nz", BIAS), 1e-3))
+        if "airspeed" not in s.channels:
+            out.append(Unknown(("nz", SCALE), 1e-3, _SPEED))
         if "theta" not in s.channels:
             out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
         if s.jumps.size:
