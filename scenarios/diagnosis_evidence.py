@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from ident.leftover import Leftover, left_over
 from ident.residuals import ResidualTest
@@ -45,12 +46,11 @@ def apart_text(claim: Claim) -> str:
         each = [found[name] for found in (claim.evidence.by_record if claim.evidence is not None else ()) if name in found]
         if len(each) < 2 or not math.isfinite(joint.std):
             continue
-        values = [q.value for q in each]
-        mean, count = statistics.fmean(values), len(values)
-        scatter = max(statistics.stdev(values), math.sqrt(statistics.fmean([min(q.std, LARGEST) ** 2 for q in each])))
-        spread = math.hypot(scatter / math.sqrt(count), joint.std)
-        if abs(joint.value - mean) > APART * spread:
-            found = with_sigma(Quantity(mean, scatter / math.sqrt(count), joint.unit), name=name)
+        values, sigmas = np.array([q.value for q in each]), np.minimum([q.std for q in each], LARGEST)
+        mean, scatter = float(np.mean(values)), float(max(np.std(values, ddof=1), np.sqrt(np.mean(sigmas**2))))
+        left = scatter / math.sqrt(len(values))
+        if abs(joint.value - mean) > APART * math.hypot(left, joint.std):
+            found = with_sigma(Quantity(mean, left, joint.unit), name=name)
             told.append(f"all fitted together give {name} {with_sigma(joint, name=name)}, their mean is {found}: the two do not agree")
     return "; ".join(told)
 
