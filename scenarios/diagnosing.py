@@ -16,7 +16,6 @@ from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import split_off
 from scenarios.preparation.plan import Plan
-from scenarios.record_scatter import with_scatter
 from sim.effect import Effect
 from sim.errors import DeclarationError, RecordError
 from sim.model import Model, Noise
@@ -149,7 +148,7 @@ def diagnose_files(
     run = trace or _loop()
     diagnosis = run(fitted, full, candidates, guards_for(full.equations), validation=predicted, settings=TraceSettings(), progress=progress)
     return Tracing(
-        with_scatter(diagnosis),
+        diagnosis,
         declared,
         full,
         fitted,

@@ -11,7 +11,6 @@ from scenarios.diagnosis_candidates import candidate_rows, weighed_rows
 from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import DEGREES, Wording, group_sentence, parameter_text, sentence, value_text
-from scenarios.record_scatter import NOTE
 from scenarios.separating import separating_maneuvers
 from scenarios.text_tables import WIDTH, wrapped
 from scenarios.text_tables import table as table
@@ -24,14 +23,14 @@ MOVED = 2.0  # sigmas
 def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
-    derived_title = "derived from them (sigma of the fit alone)" if d.scatter else ""
+    derived_title = "derived from them (sigma of the fit alone)" if d.growth else ""
     blocks = [
         [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
         _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
-        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, NOTE if d.scatter else ""),
+        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.growth else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
         _titled(derived_title, ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
         _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
@@ -44,6 +43,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
 
 WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
 MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
+SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
 

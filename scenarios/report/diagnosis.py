@@ -15,7 +15,6 @@ from scenarios.diagnosis_evidence import evidence_sentences, member_tables
 from scenarios.diagnosis_figures import CAPTIONS, figure_stems
 from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import parameter_text
-from scenarios.record_scatter import NOTE
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -65,7 +64,8 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         weighed=weighed_rows(d),
         headings=text.derivative_headings(d)[2:],
         members=member_tables(d),
-        sigma_note=NOTE if d.scatter else "",
+        sigma_note=text.SIGMA_NOTE if d.growth else "",
+        scatter=bool(d.scatter),
         derivatives=text.derivative_rows(d.before, d.after, d.scatter),
         derived=text.derivative_rows(*text.derived_of(d)),
         moved_title=_capital(text.moved_title(d)),

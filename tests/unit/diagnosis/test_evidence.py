@@ -13,10 +13,9 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdic
 from scenarios.diagnosis_candidates import weighed_rows
 from scenarios.diagnosis_content import diagnosis_content
 from scenarios.diagnosis_evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis_text import derivative_rows, diagnosis_text, headline
+from scenarios.diagnosis_text import SIGMA_NOTE, diagnosis_text, headline
 from scenarios.effect_wording import Wording, group_sentence
 from scenarios.files.writing import json_text
-from scenarios.record_scatter import NOTE, with_scatter
 from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
 
 
@@ -79,17 +78,13 @@ def test_a_joint_value_apart_from_the_records_is_not_called_alike() -> None:
     assert apart_text(Claim("x", {"time_constant": Quantity(0.5, 0.001, "s")}, evidence=evidence_of((0.06,)))) == ""
 
 
-def test_every_sigma_of_a_derivative_holds_the_scatter_between_records() -> None:
-    d = replace(proven_tracing().diagnosis, scatter={"Cm_q": 4.0, "CL_q": 0.01})
-    told = with_scatter(d)
-    assert told.before["Cm_q"].std == 4.0 / np.sqrt(len(d.fitted)) and told.before["CL_q"] == d.before["CL_q"]
-    (claim,) = told.effects
-    assert claim.evidence is not None
-    assert all(each["Cm_q"].std == 2.0 for each in claim.evidence.derivatives.values()), "four records"
-    # A move that the scatter explains carries no mark.
-    assert derivative_rows(d.before, d.after)[4][-1].endswith("*") and not derivative_rows(told.before, told.after)[4][-1].endswith("*")
-    assert with_scatter(replace(d, scatter={})).before is d.before
-    assert NOTE in diagnosis_text(proven_tracing()) and NOTE not in diagnosis_text(tracing_of(Verdict.TRACED))
+def test_header_says_what_a_sigma_holds() -> None:
+    plain, grown = proven_tracing(), proven_tracing()
+    grown = replace(grown, diagnosis=replace(grown.diagnosis, growth={"Cm_q": 1.4}))
+    assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(grown).count(SIGMA_NOTE) == 1
+    assert diagnosis_text(grown).index(SIGMA_NOTE) < diagnosis_text(grown).index("sigma of the fit alone")
+    content = json.loads(json_text(diagnosis_content(grown, "")))
+    assert content["growth"] == {"Cm_q": 1.4}
 
 
 def test_a_guard_that_helps_does_not_stand() -> None:
