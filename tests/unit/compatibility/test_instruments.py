@@ -15,21 +15,8 @@ from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import signals_of
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
-from tests.oracles.flight_path import UNITS
-from tests.oracles.undeclared_flights import TRAINER, Hidden
-from tests.unit.compatibility.flights import NOISE, THREE, record
-
-PATTERN = flights.three_two_one_one(0.06, 0.5, 1.0) + flights.doublet(-0.05, 0.8, 7.0) + flights.three_two_one_one(-0.05, 0.4, 12.0)
-
-
-def in_rough_air(seed: int, **sensors: flights.Sensor) -> Record:
-    """20 s at 25 samples a second in turbulence of 1 m/s, one degree at this speed, with the elevator recorded."""
-    rng = np.random.default_rng(seed)
-    gust = flights.dryden(rng, 1.0, 150.0, TRAINER.airspeed, 21.0)
-    flown = flights.fly_aircraft(TRAINER, flights.steps(PATTERN, 25.0, 20.0), 25.0, Hidden(gust=gust, sensors=sensors))
-    columns = flights.measured(flown, rng, {name: NOISE[name] for name in THREE})
-    elevator = Channel.of("elevator", "rad", columns["elevator"])
-    return Record(columns["time"], (elevator,), tuple(Channel.of(name, UNITS[name], columns[name]) for name in THREE), name=f"flight {seed}")
+from tests.oracles.undeclared_flights import TRAINER
+from tests.unit.compatibility.flights import THREE, in_rough_air, record
 
 
 def checked(records: list[Record]) -> Compatibility:
