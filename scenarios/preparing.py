@@ -10,6 +10,7 @@ from sim.record import Channel, Record
 
 REST = 0.05  # of an input's span, within which it rests
 LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
+OFF = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
 QUICK = ("alpha", "q", "nz", "az")  # channels in which a motion shows at once
 STILL = 0.3  # of a channel's scatter over the record, by which it may change while the aircraft rests
 
@@ -32,6 +33,17 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
     return (replace(record, inputs=tuple(inputs)), trims) if trims else (record, trims)
 
 
+def trim_sentence(record: Record, name: str) -> str:
+    """What it means that no trim of an input was found although it stands off zero; empty where it does not."""
+    values, unit = record[name].values, record[name].unit
+    middle = float(np.median(values))
+    if abs(middle) <= OFF * float(np.ptp(values)):
+        return ""
+    shown = f"{np.degrees(middle):.3g} deg" if unit == "rad" else f"{middle:.3g} {unit}"
+    taken = f"its zero is taken, though its middle is {shown}: break-out, stops and curves count from there"
+    return f"{record.name}: no rest of the {name} at the beginning tells its trim; {taken}; begin at rest (--from)"
+
+
 def _trim(record: Record, values: np.ndarray) -> float:
     """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or the aircraft does not rest there."""
     time = record.time
@@ -45,7 +57,9 @@ def _trim(record: Record, values: np.ndarray) -> float:
         return 0.0
     # The last sample before the move may already be on its way.
     until = max(2, until - 1)
-    if any(_moves(channel, until) for channel in record.outputs if channel.name in QUICK):
+    # An aircraft that still settles is in trim all the same where the input rests there most of the time, and at the end.
+    usual = max(abs(float(np.median(some)) - start) for some in (values, values[int(np.searchsorted(time, time[-1] - LEAST)) :]))
+    if usual > REST * span and any(_moves(channel, until) for channel in record.outputs if channel.name in QUICK):
         return 0.0
     resting = values[:until]
     level = float(np.mean(resting))

@@ -16,7 +16,7 @@ from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
 from scenarios.preparation.plan import WHOLE, Plan, Segment
-from scenarios.preparing import about_trim
+from scenarios.preparing import about_trim, trim_sentence
 from sim.model import Model
 from sim.record import Hold, Record
 
@@ -91,6 +91,7 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
         told += [f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}" for name, value in trims.items()]
+    told += [said for record, trims in trimmed for name in record.input_names if name not in trims and (said := trim_sentence(record, name))]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []

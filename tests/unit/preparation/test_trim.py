@@ -1,0 +1,38 @@
+"""Inputs about their trim: what tells it, and what is said where nothing does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scenarios.preparing import about_trim, trim_sentence
+from sim.record import Channel, Record
+
+TIME = 0.05 * np.arange(200)
+PULSES = np.where((TIME >= 2.0) & (TIME < 3.0), 0.04, 0.0) - np.where((TIME >= 3.0) & (TIME < 4.0), 0.04, 0.0)
+SETTLING = np.exp(-TIME / 0.4)  # an aircraft that was not in trim when the recorder started
+
+
+def record_of(elevator: np.ndarray, q: np.ndarray) -> Record:
+    return Record(TIME, (Channel.of("elevator", "rad", elevator),), (Channel.of("q", "rad/s", q),), name="r.csv")
+
+
+@pytest.mark.parametrize("settling", [0.0, 1.0])
+def test_an_input_that_rests_first_and_last_is_in_trim_though_the_aircraft_settles(settling: float) -> None:
+    record, trims = about_trim(record_of(PULSES - 0.04, settling * SETTLING + 0.1 * PULSES))
+    assert trims == pytest.approx({"elevator": -0.04}) and np.allclose(record["elevator"].values, PULSES)
+    assert trim_sentence(record, "elevator") == ""
+
+
+def test_a_maneuver_that_begins_with_the_record_has_no_trim() -> None:
+    step = np.where(TIME < 1.0, 0.04, np.where(TIME < 2.0, -0.04, 0.0))
+    record = record_of(step, np.minimum(TIME, 1.0))
+    assert about_trim(record) == (record, {}) and trim_sentence(record, "elevator") == ""
+
+
+def test_an_unknown_trim_is_told_where_it_matters() -> None:
+    ramp = -0.04 + 0.02 * np.sin(2.0 * TIME)
+    record, trims = about_trim(record_of(ramp, np.sin(2.0 * TIME)))
+    assert not trims
+    assert trim_sentence(record, "elevator").startswith("r.csv: no rest of the elevator at the beginning tells its trim; its zero is taken")
+    assert trim_sentence(record_of(ramp + 0.04, ramp), "elevator") == ""
