@@ -68,7 +68,7 @@ def test_a_delay_in_rough_air_is_found_within_its_standard_deviation(turbulence:
     """The controls tell it from the gust: a plain regression is 9 and 36 ms off here, at 2 and 4 standard deviations."""
     errors, wrong, clean = [], 0, 0
     for seed in range(20):
-        found = compatibility([in_rough_air(seed, turbulence, alpha=flights.shown_late(LATE))], CompatibilitySettings(TRAINER.airspeed))
+        found = compatibility([in_rough_air(seed, turbulence, {"alpha": flights.shown_late(LATE)})], CompatibilitySettings(TRAINER.airspeed))
         (late,) = [item for item in found.joint.estimates if item.name == "sensor-delay:alpha"]
         errors.append((late.smoother.value - LATE) / late.smoother.std)
         standing = [finding.name for finding in found.findings if finding.stands]

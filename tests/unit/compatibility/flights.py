@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def record(
     return Record(columns["time"], (), tuple(Channel.of(channel, UNITS[channel], columns[channel]) for channel in channels), name=name)
 
 
-def in_rough_air(seed: int, turbulence: float = 1.0, **sensors: flights.Sensor) -> Record:
+def in_rough_air(seed: int, turbulence: float = 1.0, sensors: Mapping[str, flights.Sensor] = MappingProxyType({})) -> Record:
     """20 s at 25 samples a second in turbulence (m/s; 1 is a degree at this speed), with the elevator recorded."""
     rng = np.random.default_rng(seed)
     gust = flights.dryden(rng, turbulence, 150.0, TRAINER.airspeed, 21.0)

@@ -48,7 +48,7 @@ def test_without_a_control_that_moves_there_are_none() -> None:
     ],
 )
 def test_a_fault_shows_in_rough_air_in_its_size(name: str, sensor: dict[str, flights.Sensor], value: float) -> None:
-    found = checked([in_rough_air(0, **sensor)])
+    found = checked([in_rough_air(0, sensors=sensor)])
     (fault,) = [each for each in found.findings if each.name == name]
     assert fault.stands and abs(fault.value - value) < 3.0 * fault.std
 
