@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sim.maths import clip
+from sim.maths import clip, once_for_alike
 
 WIDTH = 0.01  # s, one usual sub-step
 SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
@@ -16,7 +16,7 @@ def risen(time: Any, at: Any, width: float) -> Any:
 
     Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on how ``at`` lies between them.
     """
-    return clip((time - at) / width + 0.5, 0.0, 1.0)
+    return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
 def edge_width(interval: float, usual: float = WIDTH) -> float:

@@ -198,6 +198,22 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     return out
 
 
+def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
+    """``function(*values)``, worked out once for runs that are alike where every value is a number or a column ``(c, 1)``, a run a row.
+
+    In a batch of differences most runs are. ``function`` must broadcast, and give each run of ``(c, 1)`` a row of its own.
+    """
+    columns = [value for value in values if np.ndim(value) > 0]
+    if not columns or any(np.shape(value) != (len(columns[0]), 1) for value in columns):
+        return function(*values)
+    known: dict[tuple[Any, ...], int] = {}
+    place = [known.setdefault(run, len(known)) for run in zip(*(value[:, 0].tolist() for value in columns), strict=True)]
+    if len(known) == len(place):
+        return function(*values)
+    first = [place.index(k) for k in range(len(known))]
+    return function(*(value[first] if np.ndim(value) > 0 else value for value in values))[place]
+
+
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:
     """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)`` to ``(n, 1, ..., ...)``."""
     return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])

@@ -59,11 +59,11 @@ class ShortPeriod:
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change
         pressure_area = 0.5 * plus(p.air_density, s.density_change) * V * V * p.wing_area
-        return {"V": V, "alpha_air": s.alpha + s.gust, "q_hat": s.q * p.chord / (2.0 * V), "pressure_area": pressure_area}
+        return {"V": V, "alpha_air": plus(s.alpha, s.gust), "q_hat": s.q * p.chord / (2.0 * V), "pressure_area": pressure_area}
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
         CL = _lift_coefficient(s, p)
-        Cm = p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator + s.moment
+        Cm = plus(p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator, s.moment)
         return s.q - s.pressure_area * CL / (p.mass * s.V), s.pressure_area * p.chord * Cm / p.pitch_inertia
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
@@ -71,4 +71,4 @@ class ShortPeriod:
 
 
 def _lift_coefficient(s: Any, p: Any) -> Any:
-    return p.CL_alpha * s.alpha_air + p.CL_q * s.q_hat + p.CL_de * s.elevator + s.lift
+    return plus(p.CL_alpha * s.alpha_air + p.CL_q * s.q_hat + p.CL_de * s.elevator, s.lift)

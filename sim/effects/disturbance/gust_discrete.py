@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import clip, cos
+from sim.maths import clip, cos, once_for_alike
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe
 
@@ -70,12 +70,16 @@ class GustDiscrete:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         end = 0.5 if self.lasting else 1.0
-        phase = clip((s.time - p.start) / p.duration, 0.0, end)
-        usual = 0.5 * (1.0 - cos(2.0 * math.pi * phase))
+
+        def course(start: Any, duration: Any) -> Any:
+            return 0.5 * (1.0 - cos(2.0 * math.pi * clip((s.time - start) / duration, 0.0, end)))
+
+        usual = once_for_alike(course, p.start, p.duration)
         gust = p.peak * usual
         for k, name in enumerate(self._shapes, start=1):
             # Less what it has in the middle of a gust that passes: the peak stays the speed there.
             middle = 0.0 if self.lasting else (0.0, 1.0, 0.0, -1.0)[k]
+            phase = clip((s.time - p.start) / p.duration, 0.0, end)
             gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
         return {"gust": gust / vehicle.airspeed}
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import cos
+from sim.maths import cos, once_for_alike
 from sim.parameters import Parameter
 from sim.tracing import Occasion, Probe
 
@@ -60,8 +60,8 @@ class PeriodicLoads:
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        phase = p.frequency * s.time
-        even, odd = cos(phase), cos(phase - 0.5 * math.pi)
+        even = once_for_alike(lambda frequency: cos(frequency * s.time), p.frequency)
+        odd = once_for_alike(lambda frequency: cos(frequency * s.time - 0.5 * math.pi), p.frequency)
         return {"lift": p.lift_cos * even + p.lift_sin * odd, "moment": p.moment_cos * even + p.moment_sin * odd}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:

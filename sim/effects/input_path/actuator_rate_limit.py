@@ -77,22 +77,35 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
         return u
     starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
     begin = edges[starts]
-    y, ahead = u[0].item(), []
-    for target, way in zip(u[starts].tolist(), (rate * np.diff(begin, append=edges[-1])).tolist(), strict=True):
-        distance = y - target
-        ahead.append(distance)
-        if distance.real > way.real:
-            y = target + (distance - way)
-        elif -distance.real > way.real:
-            y = target + (distance + way)
-        else:
-            y = target
+    start = _distances(u[starts], rate * np.diff(begin, append=edges[-1]))
     count = np.diff(starts, append=len(u))
-    start = np.array(ahead)
     left = maximum(np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0)
     way = rate * np.diff(edges)
     mean = np.where(left.real >= way.real, left - 0.5 * way, left * left / (2.0 * way))
     return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
+
+
+def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """How far the surface is from each command as it is given; ``ways`` are the most it moves before the next."""
+    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it is behind.
+    distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
+    targets, most, reach, done, last = commands.tolist(), ways.tolist(), ways.real.tolist(), 0, len(commands) - 1
+    for first in np.flatnonzero(np.abs(distances.real) > ways.real).tolist():
+        if first < done:
+            continue
+        done, distance, behind = first, distances[first].item(), []
+        while done < last:
+            if distance.real > reach[done]:
+                left = distance - most[done]
+            elif -distance.real > reach[done]:
+                left = distance + most[done]
+            else:
+                break
+            distance = targets[done] + left - targets[done + 1]
+            done += 1
+            behind.append(distance)
+        distances[first + 1 : done + 1] = behind
+    return distances
 
 
 VARIANTS: tuple[Effect, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))

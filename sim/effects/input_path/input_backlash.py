@@ -73,10 +73,13 @@ def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
     y, held = u[0].item(), []
     for k, value in enumerate(u[last].tolist()):
         held.append(y)
-        y = maximum(y, value - half_width) if rising == (k % 2 == 0) else minimum(y, value + half_width)
+        up = rising == (k % 2 == 0)
+        pushed = value - half_width if up else value + half_width
+        if pushed.real > y.real if up else pushed.real < y.real:
+            y = pushed
     count = np.diff(last, prepend=-1)
-    from_last, up = np.repeat(np.array(held), count), np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
-    return np.where(up, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
+    from_last, upward = np.repeat(np.array(held), count), np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
+    return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
 
 
 VARIANTS: tuple[Effect, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))

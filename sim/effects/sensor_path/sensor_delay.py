@@ -62,20 +62,31 @@ class SensorDelay:
         the jump to that after it, so that the outputs are continuous in the delay.
         """
         begin, end, delay = np.asarray(begin), np.asarray(end), np.asarray(p.delay)
-        depth = max(delay.ndim, begin.ndim - 1)
-        begin, end, h = trailing(begin, depth), trailing(end, depth), trailing(np.asarray(steps), depth)
-        flat = np.concatenate([[0.0], np.cumsum(steps)])
-        then = trailing(flat, depth) - delay
-        # Each earlier time lies in sub-step k, its end included; before the first sub-step k = -1.
-        k = np.searchsorted(flat, then.real, side="left") - 1
-        inside, k = k >= 0, np.maximum(k, 0)
-        gap = flat[k + 1] - then
-        after, before = np.take_along_axis(begin, k + 1, 0), np.take_along_axis(end, k, 0)
-        ramp = gap * np.take_along_axis((end - begin[:-1]) / h, k, 0)
-        aperture = np.minimum(APERTURE, np.asarray(steps)[k])
-        spread = np.where(gap.real < aperture, after - ramp - gap / aperture * (after - before), before - ramp)
-        first = begin[:1]
-        return np.where(inside, spread, first), np.where(inside, before - ramp, first)[1:]
+        steps = np.asarray(steps)
+        shape = np.broadcast_shapes(delay.shape, begin.shape[1:], end.shape[1:])
+        begin, end = (np.broadcast_to(trailing(row, len(shape)), (len(row), *shape)).reshape(len(row), -1) for row in (begin, end))
+        runs = np.broadcast_to(delay, shape).reshape(-1)
+        late = np.empty((2, *begin.shape), dtype=np.result_type(begin, end, delay))
+        for value in np.unique(runs):  # runs that are as late look at the same earlier times: most do in a batch of differences
+            alike = runs == value
+            late[0][:, alike], late[1][:, alike] = _later(steps, begin[:, alike], end[:, alike], value)
+        return late[0].reshape(-1, *shape), late[1, 1:].reshape(-1, *shape)
+
+
+def _later(steps: np.ndarray, begin: np.ndarray, end: np.ndarray, delay: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Runs ``(M + 1, c)`` and ``(M, c)`` at the edges of the sub-steps as they were ``delay`` before: just after and just before each edge."""
+    edges = np.concatenate([[0.0], np.cumsum(steps)])
+    then = edges - delay
+    # Each earlier time lies in sub-step k, its end included; before the first sub-step k = -1.
+    k = np.searchsorted(edges, then.real, side="left") - 1
+    inside, k = (k >= 0)[:, None], np.maximum(k, 0)
+    gap = (edges[k + 1] - then)[:, None]
+    after, before = begin[k + 1], end[k]
+    ramp = gap * ((end - begin[:-1]) / steps[:, None])[k]
+    aperture = np.minimum(APERTURE, steps[k])[:, None]
+    spread = np.where(gap.real < aperture, after - ramp - gap / aperture * (after - before), before - ramp)
+    first = begin[:1]
+    return np.where(inside, spread, first), np.where(inside, before - ramp, first)
 
 
 VARIANTS: tuple[Effect, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))

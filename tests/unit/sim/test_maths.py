@@ -25,6 +25,7 @@ from sim.maths import (
     linear_recurrence,
     maximum,
     minimum,
+    once_for_alike,
     real,
     where,
 )
@@ -164,3 +165,24 @@ def test_each_column_gets_its_own_row_and_scalars() -> None:
     assert out.shape == (3, 3, 2)
     np.testing.assert_array_equal(out, np.cumsum(rows, axis=0)[:, None, :] * factors + 3.0)
     np.testing.assert_array_equal(each_column(scaled, rows[:, 0], 2.0, np.float64(1.0)), np.cumsum(rows[:, 0]) * 2.0 + 1.0)
+
+
+def test_what_is_alike_is_worked_out_once() -> None:
+    seen: list[tuple[int, ...]] = []
+
+    def wave(frequency: np.ndarray, phase: np.ndarray) -> np.ndarray:
+        seen.append(np.shape(frequency))
+        return np.cos(frequency * np.linspace(0.0, 1.0, 7) + phase)
+
+    frequency, phase = np.array([[2.0], [3.0], [2.0], [2.0]]), np.array([[0.0], [0.0], [0.5], [0.0]])
+    np.testing.assert_array_equal(once_for_alike(wave, frequency, phase), wave(frequency, phase))
+    np.testing.assert_array_equal(once_for_alike(wave, frequency, 0.5), wave(frequency, 0.5))
+    assert seen == [(3, 1), (4, 1), (2, 1), (4, 1)]
+    assert once_for_alike(lambda x: x + 1.0, 2.0) == 3.0
+
+
+@given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=6), st.booleans())
+def test_rows_of_alike_runs_keep_complex_steps(values: list[float], complex_: bool) -> None:
+    column = np.array(values)[:, None] + (1j * COMPLEX_STEP if complex_ else 0.0)
+    time = np.linspace(0.0, 2.0, 5)
+    np.testing.assert_array_equal(once_for_alike(lambda x: x * x * time, column), column * column * time)
