@@ -9,21 +9,22 @@ exact, and at convergence the trajectory equals the sequential simulation to rou
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ident.known_states import known_states
-from sim.grid import Drive, Grid, drive_from_record, make_grid
+from sim.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
 from sim.integrate import Step, rk4_step
 from sim.maths import COMPLEX_STEP
 from sim.record import Record
 from sim.system import System
 
-_AT_ONCE = 20_000  # numbers of a state that are integrated together: more do not stay in a processor's cache
+_AT_ONCE = 16_000  # numbers of a state that are integrated together: more do not stay in a processor's cache
 INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
 
 
@@ -77,17 +78,26 @@ def record_problem(
 ) -> RecordProblem:
     """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask."""
     z, measured = record.output_array(system.output_names)
-    grid = make_grid(record.time, max_step)
+    grid, recorded = _recorded(record, system.input_names, max_step)
     items = [system.parameters.items[index] for index in free]
     sizes = [abs(item.value) or (item.prior_std if np.isfinite(item.prior_std) else 1.0) for item in items]
     acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
     drive = None
     if not system.input_parameters.intersection(item.name for item in items):
-        p = system.parameters.values().tolist()
-        drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+        drive = _driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
     increment = INCREMENT * np.array(sizes, dtype=float)
     return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)
+
+
+@lru_cache(maxsize=16)  # a search lays out the same few records hundreds of times
+def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple[Grid, Drive]:
+    grid = make_grid(record.time, max_step)
+    return grid, recorded_drive(record.input_array(inputs), record.time, record.hold, grid)
+
+
+def _driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
+    return drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
 
 
 def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -99,7 +109,7 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
     measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system).items()}
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
-    drive = drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+    drive = _driven_by(record, system, p, grid)
     stages = [[row.tolist() for row in stage] for stage in drive.stages]
     x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
     times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
@@ -118,26 +128,28 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
 def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray) -> Linearisation:
     """Outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a trajectory guess.
 
-    One batch with the base in column 0, then a column a state, then one a parameter that acts in the dynamics.
+    One batch with the base in column 0, then a column a state, then one a parameter that acts in the dynamics. A column's numbers
+    stand side by side in memory, ``(c, K)``: whatever is the same for all columns then meets long rows.
     """
-    n_x, n_p = len(problem.system.states), len(problem.free)
+    n_x, n_p, moving = len(problem.system.states), len(problem.free), list(problem.moving)
     by_parameter, by_state = _increments(problem, guess)
-    width = 1 + n_x + len(problem.moving)
-    columns = {position: 1 + n_x + column for column, position in enumerate(problem.moving)}
-    X = np.array(np.broadcast_to(guess[:, :-1, None], (n_x, guess.shape[1] - 1, width)), dtype=by_parameter.dtype)
-    X[np.arange(n_x), :, 1 + np.arange(n_x)] += by_state[:, None]
+    width = 1 + n_x + len(moving)
+    columns = {position: 1 + n_x + column for column, position in enumerate(moving)}
+    X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
+    X[:] = guess[:, None, :-1]
+    X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
     driven = _drive(problem, p, by_parameter)
     reached = cross_intervals(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))[-1]
-    ends = np.array([np.broadcast_to(r, X.shape[1:]) for r in reached])
-    base = ends[:, :, 0].real
-    A = _slopes(problem, ends[:, :, 1 : 1 + n_x], base, by_state)
-    B = np.zeros((n_x, guess.shape[1] - 1, n_p))
-    B[:, :, list(problem.moving)] = _slopes(problem, ends[:, :, 1 + n_x :], base, by_parameter[list(problem.moving)])
+    ends = stacked(reached, X.shape[1:])
+    base = ends[:, 0].real
+    A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
+    B = np.zeros((n_x, n_p, guess.shape[1] - 1))
+    B[:, moving] = _slopes(problem, ends[:, 1 + n_x :], base, by_parameter[moving])
     corrections = join_intervals(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
-    states, sensitivity = guess + corrections[:, :, 0], corrections[:, :, 1:]
+    states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
     steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
     y, jacobian = _outputs(problem, p, driven, states, sensitivity, steps)
-    return Linearisation(y, jacobian, states, sensitivity)
+    return Linearisation(y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2))
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +161,8 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _slopes(problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    return moved.imag / COMPLEX_STEP if problem.exact else (moved - base[..., None]) / steps
+    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did not move."""
+    return moved.imag / COMPLEX_STEP if problem.exact else (moved - base[..., None, :]) / steps[:, None]
 
 
 def _shifted(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int) -> list[Any]:
@@ -170,115 +183,157 @@ class _Driven:
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """The same with a column for each of the batch's, of which ``columns`` tells where a parameter's own stands."""
+        """The same with a column for each of the batch's, of which ``columns`` tells where a parameter's own stands: rows ``(c, M)``."""
         if not self.acting:
             return self.drive
         take = np.zeros(width, dtype=int)
         for column, q in enumerate(self.acting):
             if q in columns:
                 take[columns[q]] = 1 + column
-        done: dict[int, Any] = {}  # held inputs are the same rows at all stages of a step
+        return changed_rows(self.drive, lambda row: row.T[take] if np.ndim(row) == 2 else row)
 
-        def wide(rows: list[Any]) -> list[Any]:
-            return [done[id(row)] if id(row) in done else done.setdefault(id(row), row[:, take] if np.ndim(row) == 2 else row) for row in rows]
 
-        first, middle, last = (wide(rows) for rows in self.drive.stages)
-        return Drive((first, middle, last), wide(self.drive.begin), wide(self.drive.end))
+def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
+    """A drive with every row changed; one that stands in several places, as held inputs do, is changed once."""
+    begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
+    return Drive((begun, middle, ended), begin, end)
+
+
+def _changed(lists: Sequence[list[Any]], change: Callable[[Any], Any]) -> list[list[Any]]:
+    done: dict[int, Any] = {}
+    return [[done[id(row)] if id(row) in done else done.setdefault(id(row), change(row)) for row in rows] for rows in lists]
 
 
 def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
     """The input path is run once for the base and once a parameter that acts on it."""
     if problem.drive is not None:
         return _Driven(problem.drive, ())
-    system, record = problem.system, problem.record
+    system = problem.system
     acting = tuple(q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters)
     few = _shifted(problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting))
-    return _Driven(drive_from_record(system, few, record.input_array(system.input_names), record.time, record.hold, problem.grid), acting)
+    return _Driven(_driven_by(problem.record, system, few, problem.grid), acting)
 
 
 def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
-    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, K + 1, 1 + np + ns)``."""
+    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K + 1)``.
+
+    ``A (nx, nx, K)`` with the state it starts from in the middle, ``B (nx, np, K)``, ``defects (nx, K)``.
+    """
     from scipy.linalg.lapack import dtbtrs
 
-    n_x, intervals, n_p = B.shape
+    n_x, n_p, intervals = B.shape
     size, width = (intervals + 1) * n_x, 2 * n_x
     band = np.zeros((width, size))
     band[0] = 1.0
     columns = np.arange(intervals) * n_x
     for i in range(n_x):
         for j in range(n_x):
-            band[n_x + i - j, columns + j] = -A[i, :, j]
-    right = np.zeros((intervals + 1, n_x, 1 + n_p + len(starts)))
-    right[0, :, 0] = first
-    right[1:, :, 0] = defects.T
-    right[1:, :, 1 : 1 + n_p] = B.transpose(1, 0, 2)
+            band[n_x + i - j, columns + j] = -A[i, j]
+    right = np.zeros((1 + n_p + len(starts), intervals + 1, n_x))
+    right[0, 0] = first
+    right[0, 1:] = defects.T
+    right[1 : 1 + n_p, 1:] = B.transpose(1, 2, 0)
     for column, i in enumerate(starts):
-        right[0, i, 1 + n_p + column] = 1.0
-    solution, _ = dtbtrs(band, right.reshape(size, -1), uplo="L", diag="U")
-    return solution.reshape(intervals + 1, n_x, -1).transpose(1, 0, 2)
+        right[1 + n_p + column, 0, i] = 1.0
+    solution, _ = dtbtrs(band, right.reshape(-1, size).T, uplo="L", diag="U", overwrite_b=True)
+    return solution.T.reshape(right.shape).transpose(2, 0, 1)
 
 
 def _outputs(
     problem: RecordProblem, p: np.ndarray, driven: _Driven, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs at the samples and their derivatives along each column of ``by_state``; the base is column 0."""
+    """Outputs at the samples and their derivatives ``(m, c, N)`` along each column of ``by_state (nx, c, K + 1)``."""
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
     rows_p, drive = _shifted(problem, p, columns, steps, c), driven.spread(columns, c)
-    moved = states[:, :, None] + by_state * steps
-    X = list(np.concatenate([np.array(states[:, :, None], dtype=moved.dtype), moved], axis=2))
-    full = sample_outputs(problem, rows_p, X, drive, c)
-    base = full[:, :, 0].real.copy()
-    return base, _slopes(problem, full[:, :, 1:], base, steps)
+    X = np.empty((len(states), c, states.shape[1]), dtype=np.result_type(states, steps))
+    X[:, 0] = states
+    X[:, 1:] = states[:, None] + by_state * steps[:, None]
+    apart = [0, *(1 + position for position in problem.moving), *range(1 + len(problem.free), c)]
+    full = sample_outputs(problem, rows_p, list(X), drive, apart)
+    base = full[:, 0].real.copy()
+    return base, _slopes(problem, full[:, 1:], base, steps)
 
 
-def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, c: int) -> np.ndarray:
-    """Outputs at the record's samples ``(m, N, c)`` from states at the nodes, rows ``(K + 1, c)``."""
-    system, grid = problem.system, problem.grid
+def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]) -> np.ndarray:
+    """Outputs at the record's samples ``(m, c, N)`` from states at the nodes, rows ``(c, K + 1)``; rows of the drive ``(c, M)``.
+
+    ``apart`` are the columns that may move otherwise than column 0, which is the first of them: the others differ after the dynamics only.
+    """
+    system, grid, upright, c = problem.system, problem.grid, _upright(p), len(X[0])
     sample = grid.sample
     if not system.sensor_stages:
-        at = [row[sample // grid.substeps] for row in X]
-        rows = system.h(grid.edges[sample, None], at, [_column(row[sample]) for row in drive.begin], p)
-    else:
-        inside = cross_intervals(problem, [row[:-1] for row in X], drive, p)
-        begin_x = [np.concatenate([np.stack([step[i] for step in inside[:-1]], 1).reshape(-1, c), X[i][-1:]]) for i in range(len(X))]
-        end_x = [np.stack([step[i] for step in inside[1:]], 1).reshape(-1, c) for i in range(len(X))]
-        begin = system.h(grid.edges[:, None], begin_x, [_column(row) for row in drive.begin], p)
-        end = system.h(grid.edges[1:, None], end_x, [_column(row) for row in drive.end], p)
-        n = len(grid.edges)
-        begin, end = [np.broadcast_to(v, (n, c)) for v in begin], [np.broadcast_to(v, (n - 1, c)) for v in end]
-        begin, _ = system.sensor_path(p, begin, end, grid.steps)
-        rows = [row[sample] for row in begin]
-    return np.array([np.broadcast_to(row, (len(sample), c)) for row in rows])
+        at = X if len(sample) == len(grid.nodes) else [row[:, sample // grid.substeps] for row in X]
+        return stacked(system.h(grid.edges[sample], at, [row[..., sample] for row in drive.begin], upright), (c, len(sample)))
+    edges = _all_edges(problem, p, X, drive, apart)
+    last = [row[:, -1:] for row in X]
+    begin_x = [np.concatenate([_in_a_row(rows), row], axis=1) for rows, row in zip(zip(*edges[:-1], strict=True), last, strict=True)]
+    end_x = [_in_a_row(rows) for rows in zip(*edges[1:], strict=True)]
+    begin = stacked(system.h(grid.edges, begin_x, drive.begin, upright), (c, len(grid.edges)))
+    end = stacked(system.h(grid.edges[1:], end_x, drive.end, upright), (c, len(grid.edges) - 1))
+    # A sensor's memory runs over the time, which is the first axis to it.
+    rows, _ = system.sensor_path(p, [row.T for row in begin], [row.T for row in end], grid.steps)
+    return stacked([np.broadcast_to(row, (len(grid.edges), c)).T[:, sample] for row in rows], (c, len(sample)))
+
+
+def _all_edges(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]) -> list[list[Any]]:
+    """As ``cross_intervals`` from ``X (c, K + 1)``, worked out for the columns ``apart`` alone; the others move as column 0 does."""
+    starts, c = [row[:, :-1] for row in X], len(X[0])
+    if len(apart) == c:
+        return cross_intervals(problem, starts, drive, p)
+    chosen = list(apart)
+    few = [value[chosen] if np.ndim(value) else value for value in p]
+    fewer = changed_rows(drive, lambda row: row[chosen] if np.ndim(row) == 2 else row)
+    place = np.zeros(c, dtype=int)
+    place[chosen] = np.arange(len(chosen))
+    shape = (len(chosen), starts[0].shape[1])
+    return [[np.broadcast_to(row, shape)[place] for row in rows] for rows in cross_intervals(problem, [row[chosen] for row in starts], fewer, few)]
+
+
+def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Values ``(c, K)`` at each of S sub-steps as they follow each other: ``(c, K S)``."""
+    return np.stack(rows, axis=2).reshape(len(rows[0]), -1)
 
 
 def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
-    """States before the first and after every sub-step of all node intervals, rows ``(K, c)``."""
-    K, c = x[0].shape
-    rows = max(1, _AT_ONCE // c)
-    if rows >= K:
+    """States before the first and after every sub-step of all node intervals, rows ``(c, K)``; rows of the drive ``(c, M)``."""
+    c, K = x[0].shape
+    parts = -(-c * K // _AT_ONCE)
+    if parts <= 1:
         return _crossed(problem, x, drive, p, slice(0, K))
-    parts = [_crossed(problem, [row[k : k + rows] for row in x], drive, p, slice(k, k + rows)) for k in range(0, K, rows)]
-    shapes = [part[0][0].shape for part in parts]
+    rows = -(-K // parts)
+    done = [_crossed(problem, [row[:, k : k + rows] for row in x], drive, p, slice(k, k + rows)) for k in range(0, K, rows)]
+    shapes = [part[0][0].shape for part in done]
 
     def joined(rows: Sequence[Any]) -> np.ndarray:
-        return np.concatenate([np.broadcast_to(row, shape) for row, shape in zip(rows, shapes, strict=True)])
+        return np.concatenate([np.broadcast_to(row, shape) for row, shape in zip(rows, shapes, strict=True)], axis=1)
 
-    return [[joined(rows) for rows in zip(*edge, strict=True)] for edge in zip(*parts, strict=True)]
+    return [[joined(rows) for rows in zip(*edge, strict=True)] for edge in zip(*done, strict=True)]
 
 
 def _crossed(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice) -> list[list[Any]]:
     """The same for some of the intervals, whose states are ``x``."""
-    grid, substeps = problem.grid, problem.grid.substeps
-    times, steps = grid.edges[:-1].reshape(-1, substeps, 1)[at], grid.steps.reshape(-1, substeps, 1)[at]
-    stages = [[_column(row).reshape(-1, substeps, _column(row).shape[-1])[at] for row in stage] for stage in drive.stages]
+    grid, substeps, upright = problem.grid, problem.grid.substeps, _upright(p)
     path = [x]
     for s in range(substeps):
-        u = ([row[:, s] for row in stages[0]], [row[:, s] for row in stages[1]], [row[:, s] for row in stages[2]])
-        x = problem.step(problem.system.f, times[:, s], x, u, p, steps[:, s])
+
+        def mine(row: Any, s: int = s) -> Any:
+            return np.ascontiguousarray(row.reshape(*row.shape[:-1], -1, substeps)[..., at, s])
+
+        begun, middle, ended = _changed(drive.stages, mine)
+        x = problem.step(problem.system.f, mine(grid.edges[:-1]), x, (begun, middle, ended), upright, mine(grid.steps))
         path.append(x)
     return path
 
 
-def _column(row: np.ndarray) -> np.ndarray:
-    return row[:, None] if row.ndim == 1 else row
+def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
+    """Rows of which some may be the same for all columns, or numbers, in one array ``(len(rows), *shape)``."""
+    out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
+    for i, row in enumerate(rows):
+        out[i] = row
+    return out
+
+
+def _upright(p: Sequence[Any]) -> list[Any]:
+    """Parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
+    return [value[:, None] if np.ndim(value) else value for value in p]

@@ -78,17 +78,23 @@ def drive_from_record(system: System, p: Any, u: np.ndarray, time: np.ndarray, h
 
     Without input-path effects held inputs pass unchanged and linear ones are exact at the stages.
     """
+    if not system.input_stages:
+        return recorded_drive(u, time, hold, grid)
     rows = list(u)
     if hold is Hold.PREVIOUS:
-        if system.input_stages:
-            source = np.repeat(np.append(grid.source, len(time) - 1), _cells_per_step(grid))
-            return drive_from_cells(system, p, [row[source] for row in rows], cell_edges(grid), grid)
-        held = [row[grid.source] for row in rows]
-        return Drive((held, held, held), [np.append(h, row[-1]) for h, row in zip(held, rows, strict=True)], held)
-    begin = [np.interp(grid.edges, time, row) for row in rows]
+        source = np.repeat(np.append(grid.source, len(time) - 1), _cells_per_step(grid))
+        return drive_from_cells(system, p, [row[source] for row in rows], cell_edges(grid), grid)
+    return _changed_by_input_path(recorded_drive(u, time, hold, grid), system, p, rows, time, grid)
+
+
+def recorded_drive(u: np.ndarray, time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
+    """A record's inputs ``u (n_inputs, N)`` as they are: held ones unchanged, linear ones exact at the stages."""
+    if hold is Hold.PREVIOUS:
+        held = [row[grid.source] for row in u]
+        return Drive((held, held, held), [np.append(h, row[-1]) for h, row in zip(held, u, strict=True)], held)
+    begin = [np.interp(grid.edges, time, row) for row in u]
     middle = [0.5 * (b[:-1] + b[1:]) for b in begin]
-    linear = Drive(([b[:-1] for b in begin], middle, [b[1:] for b in begin]), begin, [b[1:] for b in begin])
-    return _changed_by_input_path(linear, system, p, rows, time, grid) if system.input_stages else linear
+    return Drive(([b[:-1] for b in begin], middle, [b[1:] for b in begin]), begin, [b[1:] for b in begin])
 
 
 def drive_from_means(rows: list[np.ndarray], begin: list[np.ndarray], end: list[np.ndarray]) -> Drive:
@@ -132,17 +138,19 @@ def _changed_by_input_path(linear: Drive, system: System, p: Any, rows: list[Any
     edges = cell_edges(grid)
     cells = [0.5 * (a[:-1] + a[1:]) for a in (_prolonged(edges, time, row) for row in rows)]
     acted = system.input_path(p, cells, edges)
-    change = [_by_step(after - trailing(before, np.ndim(after) - 1), grid) for after, before in zip(acted, cells, strict=True)]
-    means, first, last = [_mean(c[:-1]) for c in change], [c[:, 0] for c in change], [c[:-1, -1] for c in change]
-    start, middle, end = (_sum(stage, means) for stage in linear.stages)
-    return Drive((start, middle, end), _sum(linear.begin, first), _sum(linear.end, last))
+    start, middle, end = ([*stage] for stage in linear.stages)
+    begin, last = [*linear.begin], [*linear.end]
+    for i, (before, after) in enumerate(zip(cells, acted, strict=True)):
+        if after is before:  # no effect acts on this input
+            continue
+        change = _by_step(after - trailing(before, np.ndim(after) - 1), grid)
+        mean = _mean(change[:-1])
+        for rows, added in ((start, mean), (middle, mean), (end, mean), (begin, change[:, 0]), (last, change[:-1, -1])):
+            rows[i] = trailing(rows[i], added.ndim - 1) + added
+    return Drive((start, middle, end), begin, last)
 
 
 def _prolonged(edges: np.ndarray, time: np.ndarray, row: np.ndarray) -> np.ndarray:
     # The last sample's feed-through is taken from the cell after it: the line goes on.
     further = row[-1] + (row[-1] - row[-2]) / (time[-1] - time[-2]) * (edges[-1] - time[-1])
     return np.interp(edges, np.append(time, edges[-1]), np.append(row, further))
-
-
-def _sum(rows: list[Any], added: list[np.ndarray]) -> list[Any]:
-    return [trailing(row, more.ndim - 1) + more for row, more in zip(rows, added, strict=True)]
