@@ -103,7 +103,7 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
     for probe, parts in zip(probes, signatures, strict=True):
         places = _places(node, probe, onset)
         flat = _placed(node, parts, white, places)
-        k = flat.shape[1] // len(places)
+        k = len(flat) // len(places)
         gains, amplitudes, each = np.zeros(len(places)), np.zeros((len(places), k)), []
         for rows in spans:
             share, a = _explained(white, rows, flat, k, total)
@@ -117,7 +117,7 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
                 values[onset] = values[onset] + places[place] * occasion.interval
             start = _start(effect, Probe(values, probe.slopes), amplitudes[place])
             if start is not None and gains[place] > 0:
-                results.append((float(gains[place]), start, _added(white, flat[:, place * k : (place + 1) * k], each, int(place))))
+                results.append((float(gains[place]), start, _added(white, flat[place * k : (place + 1) * k], each, int(place))))
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
@@ -140,19 +140,21 @@ def _places(node: Node, probe: Probe, onset: str) -> list[int]:
 
 
 def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
-    """Whitened signature at each place, ``(D, places k)``, the columns of a place side by side.
+    """Whitened signature at each place, ``(places k, D)``, the columns of a place one behind the other.
 
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
     k = parts[0].shape[2]
-    out = np.zeros((len(white.e), len(places) * k))
+    out = np.zeros((len(places) * k, len(white.e)))
     for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
         m, N = part.shape[:2]
-        moved = np.zeros((m, N, len(places), k))
+        turned = part.transpose(2, 0, 1)
+        moved = np.zeros((len(places), k, m, N))
         for number, shift in enumerate(places):
             if shift < N:
-                moved[:, shift:, number] = part[:, : N - shift]
-        out[rows] = node.fit.whiten(r, moved.reshape(m, N, -1)).reshape(m * N, -1)
+                moved[number, :, :, shift:] = turned[:, :, : N - shift]
+        whitened = node.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
+        out[:, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
     return out
 
 
@@ -161,22 +163,16 @@ def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: f
 
     The residual stands orthogonal to the node's Jacobian, so that only sizes of the projected columns are needed.
     """
-    block, Q, e = flat[rows], white.Q[rows], white.e[rows]
-    places = block.shape[1] // k
-    inside = (Q.T @ block).reshape(-1, places, k)
-    cube = block.reshape(-1, places, k)
-    raw, gram = np.zeros((places, k)), np.zeros((places, k, k))
-    for i in range(k):
-        for j in range(i + 1):
-            whole = np.einsum("dp,dp->p", cube[:, :, i], cube[:, :, j])
-            gram[:, i, j] = gram[:, j, i] = whole - np.einsum("dp,dp->p", inside[:, :, i], inside[:, :, j])
-            if i == j:
-                raw[:, i] = whole
+    block, Q, e = flat[:, rows], white.Q[rows], white.e[rows]
+    places = len(block) // k
+    columns, inside = block.reshape(places, k, -1), (block @ Q).reshape(places, k, -1)
+    whole = columns @ columns.swapaxes(1, 2)
+    raw, gram = np.einsum("pii->pi", whole), whole - inside @ inside.swapaxes(1, 2)
     size = np.sqrt(np.maximum(np.einsum("pii->pi", gram), 0.0))
     # What the node's own parameters explain but for rounding is no signature.
     sound = np.isfinite(size) & (size > 1e-5 * np.sqrt(raw)) & (size > 0)
     scale = np.where(sound, 1.0 / np.where(sound, size, 1.0), 0.0)
-    b = (e @ block).reshape(places, k) * scale
+    b = (block @ e).reshape(places, k) * scale
     unit = gram * scale[:, :, None] * scale[:, None, :] + np.eye(k) * (1e-9 + ~sound[:, None, :])
     coefficients = np.linalg.solve(np.where(np.isfinite(unit), unit, 0.0) + np.eye(k) * ~np.isfinite(unit), np.nan_to_num(b)[:, :, None])[:, :, 0]
     share = np.clip(np.einsum("pk,pk->p", coefficients, np.nan_to_num(b)) / total, 0.0, 1.0)
@@ -187,7 +183,7 @@ def _added(white: _Whitened, columns: np.ndarray, each: Sequence[tuple[slice, np
     """What one place adds to the projected outputs, ``(D,)``."""
     out = np.zeros(len(white.e))
     for rows, amplitudes in each:
-        out[rows] += columns[rows] @ amplitudes[place]
+        out[rows] += amplitudes[place] @ columns[:, rows]
     return out - white.Q @ (white.Q.T @ out)
 
 
