@@ -20,6 +20,7 @@ from sim.system import System
 _SLOPE = 1e-5  # of a parameter's size, for central differences
 _TERMS = 14  # of a Taylor series, to rounding
 _FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
+_AT_ONCE = 16_000  # numbers that are worked on together: more do not stay in a processor's cache
 _KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to rounding
 
 
@@ -55,7 +56,8 @@ class Variation:
 
 def random_motion(problem: RecordProblem, states: np.ndarray, at: Variation) -> RandomMotion:
     """Random motion about ``states (nx, K + 1)``; without any state where nothing is forced."""
-    Phi, Q, H, start = _motions(problem, states, [at])
+    F, H, density, stationary = _linear_motion(problem, states, [at])
+    Phi, Q, start = _discrete_motion(problem, F, density, stationary)
     return RandomMotion(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
 
 
@@ -64,32 +66,38 @@ def motion_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, mov
 
     ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
     """
-    Phi, Q, H, start = _motions(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
-    parts = (Phi, Q, H, start[None])
+    F, H, density, stationary = _linear_motion(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
+    parts = (F, H, density[None])
     of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
-    low, high = [1 + 2 * i for i in of], [2 + 2 * i for i in of]
+    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
+    Phi, Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary)
     width = np.array([moved[i][2] for i in of])[:, None, None]
-    by_Phi, by_Q, by_H, by_start = ((part[:, high] - part[:, low]) / width for part in parts)
+    by_Phi, by_Q, by_H, by_start = ((part[:, 2::2] - part[:, 1::2]) / width for part in (Phi, Q, H[:, chosen], start[None]))
     return MotionSlopes(of, RandomMotion(by_Phi, by_Q, by_H, by_start[0]))
 
 
-def _motions(problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi, Q, H ``(K, V, ...)`` and start ``(V, n, n)`` of V variations, of the states that the first one's forcing reaches."""
+def _linear_motion(
+    problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """F and H ``(B, V, ...)``, density ``(V, n)`` of V variations, of the n states that the first one's forcing reaches; which are stationary."""
     system, nodes = problem.system, problem.grid.nodes
     V, m = len(variations), len(system.outputs)
     density = np.array([_density(system, variation) for variation in variations])
     if not np.any(density[0] > 0):
-        return np.zeros((1, V, 0, 0)), np.zeros((1, V, 0, 0)), np.zeros((1, V, m, 0)), np.zeros((V, 0, 0))
-    middles = _middles(problem, states)
-    at_nodes = (nodes, states, _inputs(problem, nodes))
-    F = _jacobians(system, system.f, middles, variations)
-    H = _jacobians(system, system.h, at_nodes, variations)
+        return np.zeros((1, V, 0, 0)), np.zeros((1, V, m, 0)), np.zeros((V, 0)), np.zeros(0, dtype=bool)
+    F = _jacobians(system, system.f, _middles(problem, states), variations)
+    H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
     kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
-    F, H, density = F[..., kept[:, None], kept], H[..., kept], density[:, kept]
-    Phi, Q = _over_steps(F, density, np.diff(nodes))
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
-    start = _stationary_spread(F[0], density, np.flatnonzero(stationary))
-    return Phi, Q, H, start
+    return F[..., kept[:, None], kept], H[..., kept], density[:, kept], stationary
+
+
+def _discrete_motion(problem: RecordProblem, F: np.ndarray, density: np.ndarray, stationary: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Phi and Q ``(K or 1, V, n, n)`` over the node intervals, and covariance at the start ``(V, n, n)``."""
+    if F.shape[-1] == 0:
+        return F, F, F[0]
+    Phi, Q = _over_steps(F, density, np.diff(problem.grid.nodes))
+    return Phi, Q, _stationary_spread(F[0], density, np.flatnonzero(stationary))
 
 
 def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
@@ -135,18 +143,21 @@ def _jacobians(system: System, function: Any, where: tuple[np.ndarray, np.ndarra
 
 
 def _jacobian(system: System, function: Any, where: tuple[np.ndarray, np.ndarray, np.ndarray], variations: Sequence[Variation]) -> np.ndarray:
-    # Exact to rounding: complex steps, one column a state.
+    # Exact to rounding: complex steps, one column a state. Times stand last: whatever is the same for all of them meets long rows.
     t, X, U = where
-    n_x = len(X)
-    x = [np.repeat(row[:, None, None].astype(complex), n_x, axis=2) for row in X]
-    for i in range(n_x):
-        x[i][:, :, i] += 1j * COMPLEX_STEP
-    values = np.array([variation.p for variation in variations])
+    n_x, values = len(X), np.array([variation.p for variation in variations])
     same = np.all(values == values[0], axis=0)
-    p = [float(values[0, i]) if same[i] else values[:, i][:, None] for i in range(values.shape[1])]
-    rows = function(t[:, None, None], x, list(U[:, :, None, None]), p)
-    shape = (len(t), len(variations), n_x)
-    return np.stack([np.broadcast_to(np.imag(row), shape) for row in rows], axis=2) / COMPLEX_STEP
+    p = [float(values[0, i]) if same[i] else values[:, i][:, None, None] for i in range(values.shape[1])]
+    rows, parts = max(1, _AT_ONCE // (len(variations) * n_x)), []
+    for k in range(0, len(t), rows):
+        at = slice(k, k + rows)
+        x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
+        for i in range(n_x):
+            x[i][:, i] += 1j * COMPLEX_STEP
+        slopes = [np.imag(row) for row in function(t[at], x, list(U[:, at]), p)]
+        shape = (len(variations), n_x, len(t[at]))
+        parts.append(np.stack([np.broadcast_to(row, shape) for row in slopes], axis=1).transpose(3, 0, 1, 2))
+    return np.concatenate(parts) / COMPLEX_STEP
 
 
 def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
@@ -186,9 +197,9 @@ def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int =
     Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
     on a short step, then doubling.
     """
-    n = F.shape[-1]
     size = np.max(np.sum(np.abs(F), axis=-1).max(axis=-1) * dt, initial=0.0)
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
+    n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h
     Phi = np.broadcast_to(np.eye(n), step.shape).copy()
