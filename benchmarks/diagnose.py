@@ -30,15 +30,16 @@ KINDS = {
 }  # with the wall seconds asked for on two cores
 
 
-def fly(name: str, folder: Path) -> tuple[Path, Path, Path]:
-    """Training record, held-out record and vehicle file of a tracing scenario."""
+def fly(name: str, folder: Path) -> tuple[list[Path], Path, Path]:
+    """Training records, held-out record and vehicle file of a tracing scenario."""
     from scenarios.library import load_document
     from scenarios.tracing.flights import fly_trace, write_flown
     from scenarios.tracing.schema import trace_scenario_of
 
     folder.mkdir()
     scenario = trace_scenario_of(*load_document(name))
-    return write_flown(fly_trace(scenario, scenario.seed), folder)
+    train, validate, vehicle = write_flown(fly_trace(scenario, scenario.seed), folder)
+    return [train], validate, vehicle
 
 
 def as_installed(bytecode: Path) -> dict[str, str]:
@@ -47,10 +48,11 @@ def as_installed(bytecode: Path) -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": str(bytecode)}
 
 
-def diagnosed(files: tuple[Path, Path, Path], folder: Path, runs: int) -> tuple[float, float, dict[str, float]]:
+def diagnosed(files: tuple[list[Path], Path, Path], folder: Path, runs: int) -> tuple[float, float, dict[str, float]]:
     """Median wall and processor seconds, and seconds of each step in the last run."""
-    train, validate, vehicle = (str(path) for path in files)
-    command = [sys.executable, "-m", "scenarios", "diagnose", train, "--model", "rigid", "--vehicle", vehicle, "--validate", validate, "--out", "out"]
+    train, validate, vehicle = files
+    command = [sys.executable, "-m", "scenarios", "diagnose", *map(str, train), "--model", "rigid"]
+    command += ["--vehicle", str(vehicle), "--validate", str(validate), "--out", "out"]
     environment = as_installed(folder.parent / "bytecode")
     walls, processors, steps = [], [], {}
     for number in range(runs + 1):
@@ -61,9 +63,16 @@ def diagnosed(files: tuple[Path, Path, Path], folder: Path, runs: int) -> tuple[
         if number:
             walls.append(wall)
             processors.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-        line = next(line for line in done.stdout.splitlines() if line.startswith("seconds:"))
-        steps = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (\d+\.\d+)", line.removeprefix("seconds:"))}
+        told = next(line for line in done.stdout.splitlines() if line.startswith("seconds:"))
+        steps = {name.strip(): float(value) for name, value in re.findall(r"([a-z ]+) (\d+\.\d+)", told.removeprefix("seconds:"))}
     return statistics.median(walls), statistics.median(processors), steps
+
+
+def line(words: str, limit: float, wall: float, processor: float, reference: float, steps: dict[str, float]) -> str:
+    """Wall and processor seconds, the ratio to a reference's wall seconds, and the share of each step."""
+    rest = max(wall - sum(steps.values()), 0.0)
+    shares = ", ".join(f"{step} {100 * seconds / wall:.0f} %" for step, seconds in {**steps, "start, files, figures": rest}.items())
+    return f"{words:12} wall {wall:5.1f} s (asked {limit:g}), processor {processor:5.1f} s, {wall / reference:4.1f} x nothing: {shares}"
 
 
 def main() -> None:
@@ -76,9 +85,7 @@ def main() -> None:
             folder = Path(temporary) / name
             wall, processor, steps = diagnosed(fly(name, folder), folder, arguments.runs)
             reference = reference or wall
-            rest = max(wall - sum(steps.values()), 0.0)
-            shares = ", ".join(f"{step} {100 * seconds / wall:.0f} %" for step, seconds in {**steps, "start, files, figures": rest}.items())
-            print(f"{words:12} wall {wall:5.1f} s (asked {limit:g}), processor {processor:5.1f} s, {wall / reference:4.1f} x nothing: {shares}")
+            print(line(words, limit, wall, processor, reference, steps))
 
 
 if __name__ == "__main__":
