@@ -124,6 +124,16 @@ def whitened(found: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
+def least_misfit(found: Fit, noise: NoiseModel) -> float:
+    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order."""
+    lines = list(zip(found.outputs, found.jacobians, strict=True))
+    whiteners = [weigher(s, noise) for s in found.signals]
+    priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
+    information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
+    here = _misfit(found.signals, priors, found.own, found.outputs, whiteners)
+    return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
+
+
 def positions(found: Fit) -> list[np.ndarray]:
     """For each record, where the columns of its jacobian stand in the vector of all unknowns: own ones first, then the faults."""
     total, out, at = sum(len(own) for own in found.own), [], 0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ident.compatibility.estimates import difference_in_sigmas, output_error, smoother_sigmas
 from ident.compatibility.faults import BIAS, SensorFault
 from ident.compatibility.first_order import one_step
-from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.fitting import Fit, fit, least_misfit
 from ident.compatibility.result import Quantity, SensorEstimate
 from ident.compatibility.unknowns import unknowns_of
 
@@ -47,9 +47,9 @@ def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
     sigmas = smoother_sigmas(found)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    size = float(found.sizes[-1])
-    # A likelihood counts what a gust explains too; the controls' part of it is the size in standard deviations.
-    gain = 0.5 * size**2 / (white * widening) if instrumented(base) else max(base.cost - found.cost, 0.0) / widening
+    # A likelihood counts what a gust explains too: with controls recorded only their part of the residual counts.
+    before, after = (least_misfit(base, found.noise), least_misfit(found, found.noise)) if instrumented(base) else (base.cost, found.cost)
+    gain = max(before - after, 0.0) / widening
     return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
 
 
