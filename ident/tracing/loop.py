@@ -81,7 +81,8 @@ def diagnose(
         search.keep(best, best.criterion)
         root = search.fit((), root) or root
         seen, kept, out_before = _apart(root, validation, input_claims, outputs)
-        asked, partial = False, None
+        if partial is not None:
+            partial = replace(partial, node=best, out=held_out(best, seen, kept))
     stage("spikes")
     progress("judging on data that were not fitted", 0.9)
     best, out_after = best_by_held_out(search, best, seen, kept)

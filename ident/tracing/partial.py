@@ -53,8 +53,8 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
 
 
 def _starts(stood: Sequence[Stood]) -> dict[str, float]:
-    last = stood[-1].best.node
-    return {name: value for name, value in last.values.shared.items() if name not in last.declared.parameters}
+    nodes = [item.best.node for item in stood]
+    return {name: value for node in nodes for name, value in node.values.shared.items() if name not in node.declared.parameters}
 
 
 def _claim(node: Node, item: Stood) -> Claim:

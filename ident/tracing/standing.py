@@ -8,18 +8,19 @@ from each record by itself.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.colour import effective_share
 from ident.fit import Fit
 from ident.tracing.acceptance import held_out
-from ident.tracing.choosing import SURE, Standing, Stood, choose
+from ident.tracing.choosing import SMALL, SURE, Standing, Stood, choose
 from ident.tracing.coloured import coloured_gain
 from ident.tracing.expansion import CLEARLY, implausible, near_absence, same_sensor_twins
 from ident.tracing.node import Node, belongs_to_record, guards_among, is_event
 from ident.tracing.occasion import occasion_at
+from ident.tracing.pairs import likely_pairs
 from ident.tracing.reduction import Reduction, reduction
 from ident.tracing.replication import Flight, Replication, own_quantities, replicate, stands_off
 from ident.tracing.screening import Finding, screen
@@ -44,26 +45,82 @@ def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -
     flight : at least two records. candidates : library and guards; events and random motion are left out, since they need not replicate.
     root : the declared model fitted to the training records, for starting values.
 
-    Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each.
+    Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
+    that another stands in for, are looked for as a pair.
     """
     found: list[Stood] = []
     weighed: list[Standing] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
-    everything = range(len(flight.records))
-    node = flight.fit((), everything, None, root.values.shared)
-    while node is not None and len(found) < DEEPEST:
-        before = _left_out(flight, node)
-        if before is None:
+    root_node = flight.fit((), range(len(flight.records)), None, root.values.shared)
+    steps: list[_Step] = []
+    while root_node is not None and len(found) < DEEPEST:
+        step = _weigh_all(flight, usable, found[-1].best.node if found else root_node)
+        if step is None:
             break
-        tried = [_weigh(flight, node, finding, before) for finding in _promising(node, usable)]
-        results = [item for item in tried if item is not None]
+        steps.append(step)
+        weighed += step.results
+        if step.chosen is None:
+            break
+        found.append(step.chosen)
+    if steps:
+        pair, results = _pair_instead(flight, usable, steps[0], found)
         weighed += results
-        chosen = choose(results)
-        if chosen is None:
-            break
-        found.append(chosen)
-        node = chosen.best.node
+        found = pair or found
     return found, weighed
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """All that was weighed at a node, and what was chosen; ``before`` the node's own predictions by record."""
+
+    node: Node
+    before: Mapping[int, Fit]
+    findings: Sequence[Finding]
+    results: Sequence[Standing]
+    chosen: Stood | None
+
+
+def _weigh_all(flight: Flight, candidates: Sequence[Effect], node: Node) -> _Step | None:
+    before = _left_out(flight, node)
+    if before is None:
+        return None
+    findings = _promising(node, candidates)
+    guards = [finding for finding in findings if guards_among([finding.effect.name])]
+    tried = [finding for finding in findings if finding not in guards][:MOST] + guards[:GUARDS]
+    results = [item for item in (_weigh(flight, node, finding, before) for finding in tried) if item is not None]
+    return _Step(node, before, findings, results, choose(results))
+
+
+def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[Stood]) -> tuple[list[Stood] | None, list[Standing]]:
+    """Two effects, each standing beside the other, that together do clearly better than what was found one after the other."""
+    names = [item.best.effect.name for item in found]
+    pairs = likely_pairs(first.findings, names, float(first.node.fit.counts.sum()))
+    children = [child for pair in pairs if (child := _fit_pair(flight, first.node, pair)) is not None]
+    best = min(children, key=lambda child: child.fit.cost, default=None)
+    reached = -_fitted_change(first.node, found[-1].best.node) if found else 0.0
+    if best is None or -_fitted_change(first.node, best) < reached + (SMALL if len(found) > 1 else HALF * WORTH):
+        return None, []
+    stood: list[Stood] = []
+    weighed: list[Standing] = []
+    for one, other in (best.effects, best.effects[::-1]):
+        alone = flight.fit((one,), range(len(flight.records)), best.values)
+        step = _weigh_all(flight, candidates, alone) if alone is not None else None
+        if step is None:
+            return None, weighed
+        weighed += step.results
+        if step.chosen is None or other.name not in {item.effect.name for item in (step.chosen.best, *step.chosen.others)}:
+            return None, weighed
+        stood.append(step.chosen)
+    last = found[-1].best.predictions if found else first.before
+    common = sorted(last.keys() & stood[-1].best.predictions.keys())
+    lowered = reduction([last[r] for r in common], [stood[-1].best.predictions[r] for r in common])
+    least = SMALL if len(found) > 1 else WORTH
+    return (stood[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
+
+
+def _fit_pair(flight: Flight, node: Node, pair: tuple[Finding, Finding]) -> Node | None:
+    effects = (*node.effects, *(finding.effect for finding in pair))
+    return flight.fit(effects, range(len(flight.records)), node.values, {**pair[0].starts[0], **pair[1].starts[0]})
 
 
 def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
@@ -73,13 +130,11 @@ def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
     samples = share * float(node.fit.counts.sum())
     findings = [finding for finding in screen(node, candidates, occasion_at(node)) if finding.effect.name not in twins]
     most = findings[0].gain if findings else 0.0
-    worth = [
+    return [
         finding
         for finding in findings
         if finding.gain > HOPELESS * most and 2.0 * share * finding.gain > finding.parameters * np.log(max(samples, np.e))
     ]
-    guards = [finding for finding in worth if guards_among([finding.effect.name])]
-    return [finding for finding in worth if finding not in guards][:MOST] + guards[:GUARDS]
 
 
 def _left_out(flight: Flight, node: Node, which: Sequence[int] | None = None) -> dict[int, Fit] | None:

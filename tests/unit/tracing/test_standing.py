@@ -15,6 +15,7 @@ from ident.tracing.choosing import Standing, choose
 from ident.tracing.form import form_spread
 from ident.tracing.node import Node
 from ident.tracing.occasion import occasion_at
+from ident.tracing.pairs import joint_fall, likely_pairs
 from ident.tracing.reduction import reduction
 from ident.tracing.replication import Flight, Replication, replicate
 from ident.tracing.screening import Finding
@@ -197,3 +198,33 @@ def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
     assert set(spread) <= set(declared().parameters.names) and spread["Cm_alpha"] > 0.0
     plain = search_of([planted([], None, 1)])
     assert form_spread(plain, fitted(plain, (LATE,))) == {}
+
+
+def test_two_faults_that_hide_each_other_are_found_as_a_pair() -> None:
+    """A scale of nz and a late q: the derivatives take in most of what either does alone."""
+    values = {"sensor-scale:nz.scale": 1.35, "sensor-delay:q.delay": 0.04}
+    scale, late = SensorScale("nz"), SensorDelay("q")
+    flight = flight_of([coloured(planted([scale, late], values, seed), seed) for seed in (1, 2, 3)])
+    stood, _ = standing_effects(flight, (LATE, SCALED, scale, late, *GUARDS[:3]), root_of(flight))
+    assert {item.best.effect.name for item in stood} == {"sensor-scale:nz", "sensor-delay:q"}
+
+
+def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
+    """Against the regression of a residual on two columns, and on each alone."""
+    rng = np.random.default_rng(2)
+    residual, columns = rng.standard_normal(300), rng.standard_normal((300, 2))
+    columns[:, 1] -= 0.9 * columns[:, 0]
+    residual += columns @ [0.4, 0.5]
+
+    def finding(effect: Effect, column: np.ndarray) -> Finding:
+        along = column * (column @ residual) / (column @ column)
+        share = (along @ along) / (residual @ residual)
+        return Finding(effect, -150.0 * np.log1p(-share), 1, ({},), (1.0,), along)
+
+    one, other = finding(LATE, columns[:, 0]), finding(SCALED, columns[:, 1])
+    left = np.linalg.lstsq(columns, residual, rcond=None)[1][0]
+    assert joint_fall(one, other, 300.0) == pytest.approx(-0.5 * np.log(left / (residual @ residual)))
+    assert joint_fall(one, one, 300.0) == pytest.approx(one.gain / 300.0)
+    assert likely_pairs([one, other], [], 300.0) == [(one, other)]
+    assert likely_pairs([one, other], [LATE.name, SCALED.name], 300.0) == []
+    assert likely_pairs([one, finding(next(iter(GUARDS)), columns[:, 1])], [], 300.0) == []
