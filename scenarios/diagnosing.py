@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
 from scenarios.candidates import candidates_for, read_effects
-from scenarios.diagnosis_kinematics import Kinematics, kinematics_of
+from scenarios.diagnosis_kinematics import Kinematics, kinematics_of_files
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import split_off
@@ -159,16 +159,15 @@ def diagnose_files(
         {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
         notes,
         ready.doubts,
-        _kinematics(declared, diagnosis, [*fitted, *predicted]),
+        _kinematics(declared, diagnosis, [*records, *(validate if plan.segments == Plan().segments else ())], channels, plan),
     )
 
 
-def _kinematics(declared: VehicleFile, diagnosis: Diagnosis, records: Sequence[Record]) -> Kinematics | None:
+def _kinematics(declared: VehicleFile, diagnosis: Diagnosis, paths: Sequence[Path], channels: Path | None, plan: Plan | None) -> Kinematics | None:
     """The check of an aircraft's records, where a verdict needs evidence: a check costs as much as some candidates."""
     if declared.model not in KINEMATIC or diagnosis.verdict is Verdict.CONSISTENT:
         return None
-    constants = declared.constants
-    return kinematics_of(records, constants["airspeed"], constants.get("gravity"), constants.get("vane_arm", 0.0))
+    return kinematics_of_files(paths, declared, channels, plan)
 
 
 def _loop() -> Trace:

@@ -17,7 +17,7 @@ from ident.tracing.expansion import quantities, records_of
 from ident.tracing.node import Node, guards_among
 from ident.tracing.partial import Partial, stand_by_themselves
 from ident.tracing.reporting import reported
-from ident.tracing.search import defies, extended, first_round, grow, look_back, refined
+from ident.tracing.search import defies, extended, first_round, grow, hopeless, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
@@ -146,12 +146,13 @@ def _judged_again(
     before: HeldOut,
 ) -> tuple[Verdict, Node, HeldOut, list[Claim], tuple[ResidualTest, ...], list[str]]:
     """The verdict on effects that stand by themselves: with a further one, they may leave noise after all."""
-    best, out = best_by_held_out(search, extended(search, root, partial.node), validation, masks)
-    tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
-    claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
-    verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
-    if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
-        return verdict, best, out, claims, tests, warnings
+    if not hopeless(search, partial.node):
+        best, out = best_by_held_out(search, extended(search, root, partial.node), validation, masks)
+        tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
+        claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
+        verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
+        if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
+            return verdict, best, out, claims, tests, warnings
     tests = tuple(whiteness(partial.node.fit, "fitted"))
     return Verdict.PARTIAL, partial.node, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
 

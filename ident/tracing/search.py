@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.fit_layout import FitSettings
 from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
-from ident.tracing.node import Node, guards_among
+from ident.tracing.node import Node, Values, fit_set, guards_among
 from ident.tracing.scoring import is_coloured_throughout, is_white
 from ident.tracing.search_state import Search
+from sim.effect import NoiseEffect
 from sim.tracing import Refinable
 
 GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
@@ -72,6 +74,26 @@ def _best_found(search: Search) -> Node:
         return best
     white = [node for node in search.nodes.values() if is_white(node, search.settings.white) and not guards_among(node.names)]
     return min(white, key=search.score, default=best)
+
+
+def hopeless(search: Search, node: Node) -> bool:
+    """Whether a set leaves colour throughout several records, which random motion does not take in either.
+
+    That is asked of the shortest record alone: what it does not explain there it does not explain anywhere.
+    """
+    if len(search.records) < 2 or is_forced(node.system) or not is_coloured_throughout(node, GROSSLY):
+        return False
+    values = node.values
+    shortest = min(range(len(search.records)), key=lambda r: len(search.records[r]))
+    records, masks = [search.records[shortest]], [search.masks[shortest]]
+    start = Values(values.shared, (values.own[shortest],), (values.states[shortest],))
+    settings = FitSettings(max_step=2.0 * search.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
+    for effect in search.candidates:
+        if isinstance(effect, NoiseEffect):
+            moved = fit_set(records, search.model, (*node.effects, effect), search.outputs, settings, masks, 0.0, start)
+            if moved is not None and is_white(moved, GROSSLY):
+                return False
+    return True
 
 
 def extended(search: Search, root: Node, node: Node) -> Node:

@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.candidates import candidates_for, read_effects
 from scenarios.diagnosing import diagnose_files
 from scenarios.diagnosis_kinematics import Kinematics
-from scenarios.files.vehicles import read_vehicle
+from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.vehicle_models import model_of_file
 from sim.errors import FlightidError
@@ -40,11 +40,11 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the check of the kinematics was asked; it is not run here."""
     asked: list[tuple[Any, ...]] = []
 
-    def check(records: Sequence[Record], *constants: Any) -> Kinematics:
-        asked.append((tuple(record.name for record in records), *constants))
+    def check(paths: Sequence[Path], declared: VehicleFile, channels: Path | None, plan: Plan | None) -> Kinematics:
+        asked.append((tuple(path.name for path in paths), declared.constants["airspeed"], channels, plan))
         return Kinematics((), None, "not run")
 
-    monkeypatch.setattr("scenarios.diagnosing.kinematics_of", check)
+    monkeypatch.setattr("scenarios.diagnosing.kinematics_of_files", check)
     return asked
 
 
@@ -86,7 +86,7 @@ def test_kinematics_are_asked_of_all_records_where_a_verdict_needs_evidence(file
     assert diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.CONSISTENT)).kinematics is None and not checked
     told = diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
     assert told.kinematics is not None and told.kinematics.why == "not run"
-    assert checked == [(("train.csv", "validate.csv"), RIGID.constants["airspeed"], None, 0.0)]
+    assert checked == [(("train.csv", "validate.csv"), RIGID.constants["airspeed"], None, Plan())]
 
 
 def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:

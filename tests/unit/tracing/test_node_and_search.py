@@ -14,18 +14,20 @@ from ident.tracing.acceptance import HeldOut, held_out
 from ident.tracing.diagnosis import Claim, Verdict
 from ident.tracing.expansion import expand, quantities
 from ident.tracing.node import Node, carried, compiled_with, free_names
-from ident.tracing.search import first_round, grow, look_back, refined
+from ident.tracing.search import first_round, grow, hopeless, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.verdict import judge
 from sim.effect import Effect
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect, guards_for
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.noise import coloured_noise
 from sim.record import Record
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fitted, planted, search_of
+from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fitted, planted, search_of, with_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 FEW: tuple[Effect, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
@@ -288,3 +290,21 @@ def test_a_held_out_fit_that_failed_is_not_traced() -> None:
     for before in (good, NOTHING):
         found, warnings = judge(search, root, best, [Claim("sensor-lag:q", {})], (FINE,), before, NOTHING, SETTINGS)
         assert found is Verdict.UNEXPLAINED and "not fitted" in warnings[0]
+
+
+def test_a_set_is_hopeless_where_colour_stays_that_random_motion_does_not_take_in() -> None:
+    """Coloured noise in every channel of two records is; a gust is not, nor one record alone, nor what is white."""
+    rng = np.random.default_rng(5)
+
+    def coloured(record: Record) -> Record:
+        for name, size in (("alpha", 0.004), ("q", 0.006), ("nz", 0.06)):
+            record = with_output(record, name, record[name].values + coloured_noise(rng, record.time, size, 0.3))
+        return record
+
+    candidates = (*FEW, GustTurbulence())
+    plain = [planted([], None, 1), planted([], None, 2)]
+    noisy = search_of([coloured(record) for record in plain], candidates)
+    assert hopeless(noisy, fitted(noisy))
+    white, one = search_of(plain, candidates), search_of([coloured(plain[0])], candidates)
+    assert not hopeless(white, fitted(white))
+    assert not hopeless(one, fitted(one))
