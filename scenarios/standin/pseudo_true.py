@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.preparation.airspeed import with_flow
+from scenarios.preparing import about_trim
 from scenarios.standin.declaration import MEASURED
 from scenarios.standin.drawing import Drawn
 from scenarios.standin.fitting import declared_model
@@ -67,9 +68,9 @@ def pseudo_true(
     nominal = {name: drawn.declared.parameters[name].value for name in drawn.starts}
     begun = {name: (starts or {}).get(name, value) for name, value in nominal.items()}
     model = declared_model(drawn.declared, begun, added)
-    # A speed that is recorded is used here as it is in a diagnosis.
+    # Trims of the elevator are taken off, and a speed that is recorded is used, as in a diagnosis.
     flown = fly_draws(drawn, rng.spawn(max(2, draws)), (*MEASURED, *SPEED), count=count)
-    wider = [with_flow(model, records) for records in flown]
+    wider = [with_flow(model, [about_trim(record)[0] for record in records]) for records in flown]
     system = compile_model(wider[0][0], MEASURED)
     records = [[record.only(MEASURED) for record in carrying] for _, carrying in wider]
     many = FEW
