@@ -28,7 +28,7 @@ from sim.effect import Effect, NoiseEffect
 from sim.tracing import fitted_to
 
 WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
-WORSE = 0.05  # growth of ln(error) of one channel that is borne, beside twice its scatter
+WORSE = 0.05  # growth of ln(error) of one channel that is borne, or half of what is gained in the mean, beside twice its scatter
 MOST, GUARDS = 6, 3  # candidates and guards fitted in full
 HOPELESS = 0.1  # of the best projected gain, below which nothing is fitted
 BEYOND = 0.1  # of a curve's range, flown by one record alone
@@ -226,7 +226,7 @@ def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     """Whether it stands, and why not."""
     if lowered.total > -SURE * lowered.scatter:
         return False, "the fall of the held-out error is within its scatter"
-    if np.any(lowered.by_channel > WORSE + 2.0 * lowered.channel_scatter):
+    if np.any(lowered.by_channel > max(WORSE, -0.5 * lowered.total) + 2.0 * lowered.channel_scatter):
         return False, "one channel gets worse"
     # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
     if any(total > SURE * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
