@@ -23,7 +23,6 @@ MOVED = 2.0  # sigmas
 def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
-    derived_title = "derived from them (sigma of the fit alone)" if d.growth else ""
     blocks = [
         [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
@@ -32,7 +31,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
         _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.growth else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
-        _titled(derived_title, ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
+        _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
         _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],

@@ -149,7 +149,7 @@ class Diagnosis:
     error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
-    growth : what differences between records put on sigmas of these parameters, wherever they stand here: a factor.
+    growth : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
     verdict: Verdict

@@ -95,7 +95,7 @@ def diagnose(
     guarded = guards_among(best.names)
     effects = [*input_claims, *claims, *_claims(search, best, guarded)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
-    between = Between()
+    between = between_before = Between()
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
         if _no_better(out_before, out_after):
@@ -110,10 +110,10 @@ def diagnose(
         if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
             # Where what remains is not noise, records differ by more than any one of them can tell.
             between = between_records(search, best, seen, kept)
+            between_before = between if best is root else between_records(search, root, seen, kept)
     stage("held out")
-    return reported(
-        search, root, best, verdict, effects, warnings, (tests_before, tests_after), (out_before, out_after), validation, outputs, seconds, between
-    )
+    tests, outs, between_both = (tests_before, tests_after), (out_before, out_after), (between_before, between)
+    return reported(search, root, best, verdict, effects, warnings, tests, outs, validation, outputs, seconds, between_both)
 
 
 def _apart(

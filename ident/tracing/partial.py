@@ -48,7 +48,8 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
     for item in stood:
         search.steps.append(Step(item.best.node.names, item.best.node.criterion, item.best.node.fit.log_likelihood, _sentence(item)))
     claims = tuple(_claim(node, item) for item in stood)
-    evidence = tuple(_candidate(item) for item in weighed)
+    members = {id(member) for item in stood for member in (item.best, *item.others)}
+    evidence = tuple(_candidate(item, chosen=id(item) in members) for item in weighed)
     return Partial(claims, node, held_out(node, validation, masks), evidence)
 
 
@@ -86,7 +87,7 @@ def _derivatives(node: Node) -> dict[str, Quantity]:
     return {name: Quantity(float(value), max(float(std), 1e-300), unit) for name, unit, value, std in rows if name in declared}
 
 
-def _candidate(item: Standing) -> Candidate:
+def _candidate(item: Standing, *, chosen: bool) -> Candidate:
     from scipy.special import chdtrc
 
     names = item.node.names
@@ -94,7 +95,8 @@ def _candidate(item: Standing) -> Candidate:
     found = own_quantities(item.node, item.effect)
     plausible = getattr(item.effect, "plausible", {})
     believed = all(plausible[name][0] <= q.value <= plausible[name][1] for name, q in found.items() if name in plausible)
-    return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), item.why)
+    why = "stands, but another does better" if item.stands and not chosen else item.why
+    return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)
 
 
 def _sentence(item: Stood) -> str:

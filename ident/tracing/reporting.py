@@ -51,9 +51,10 @@ def reported(
     validation: Sequence[Record],
     outputs: Sequence[str],
     seconds: Mapping[str, float],
-    between: Between,
+    between: tuple[Between, Between],
 ) -> Diagnosis:
     before, after = out
+    grown_before, grown = between[0].growth, between[1].growth
     shown = validation or search.records
     fits = (before.frozen, after.frozen) if validation else (root.fit, best.fit)
     channels = [name for name in outputs if any(name in record.output_names for record in shown)]
@@ -69,11 +70,11 @@ def reported(
     masks = [mask[[outputs.index(name) for name in channels]] for mask in everywhere]
     return Diagnosis(
         verdict,
-        tuple(_grown(claim, between.growth) for claim in effects),
-        _derivatives(search, root, between.growth),
-        _derivatives(search, best, between.growth, form_spread(search, best)),
-        _derived(root),
-        _derived(best),
+        tuple(_grown(claim, grown) for claim in effects),
+        _derivatives(search, root, grown_before),
+        _derivatives(search, best, grown, form_spread(search, best)),
+        _derived(root, grown_before),
+        _derived(best, grown),
         error_figures([p.before for p in predictions], shown, masks, channels),
         error_figures([p.after for p in predictions], shown, masks, channels),
         {name: std for name, std in noise_levels(best.fit).items() if name in channels},
@@ -89,8 +90,8 @@ def reported(
             for r, record in enumerate(search.records)
         ),
         dict(seconds),
-        between.scatter,
-        between.growth,
+        between[1].scatter,
+        grown,
     )
 
 
@@ -122,10 +123,13 @@ def _derivatives(search: Search, node: Node, growth: Mapping[str, float] = _NONE
     }
 
 
-def _derived(node: Node) -> dict[str, Quantity]:
+def _derived(node: Node, growth: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
+    """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they are reported."""
     if not node.system.inputs:
         return {}
-    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, _estimate(node)
+    plain = _estimate(node)
+    grown = np.array([growth.get(name, 1.0) for name in plain.names])
+    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, replace(plain, covariance=plain.covariance * np.outer(grown, grown))
     out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, estimate).items()}
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")

@@ -20,6 +20,7 @@ def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, P
         from scenarios.progress import progress_bar
         from scenarios.standin.study import run_standin
         from scenarios.standin.text import standin_text
+        from scenarios.text_tables import terminal_width
 
         with named_after(scenario_file(name)), progress_bar() as progress:
             study = run_standin(standin, seed, progress)
@@ -27,7 +28,7 @@ def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, P
             from scenarios.standin.files import write_standin
 
             write_standin(study, folder, figures=figures)
-        print(standin_text(study), end="")
+        print(standin_text(study, terminal_width()), end="")
         if folder is not None:
             print(f"written to {folder}; begin with {folder / 'report.html'}")
 

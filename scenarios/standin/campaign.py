@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.diagnosis import Claim
+from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.standin.declaration import StandIn
 from scenarios.standin.pseudo_true import PseudoTrue, pseudo_true
 from scenarios.standin.study import Naming, Progress, StandInStudy, run_standin
@@ -56,7 +56,8 @@ def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage,
     """Fly and diagnose one flight, and hold it against the truth and, with ``draws`` above zero, against pseudo-true values."""
     study = run_standin(standin, seed, progress)
     limit = reference(study) if standin.draws else None
-    errors = {row.name: (row.after.value - limit.values[row.name]) / row.after.std for row in study.derivatives} if limit else {}
+    found = claimed_model(study)
+    errors = {name: (found[name].value - limit.values[name]) / found[name].std for name in found} if limit else {}
     bias = {row.name: limit.bias(row.name) for row in study.derivatives} if limit else {}
     d = study.tracing.diagnosis
     return Judged(seed, d.verdict.value, tuple(map(_said, d.effects)), study.named, study.false, study.small, worsened(study), errors, bias)
@@ -67,12 +68,18 @@ def _said(claim: Claim) -> str:
     return group if claim.claimed else f"({group})"
 
 
+def claimed_model(study: StandInStudy) -> dict[str, Quantity]:
+    """Derivatives of the declared model with what was claimed: those before where nothing was, since hints are no claims."""
+    claimed = any(claim.claimed for claim in study.tracing.diagnosis.effects)
+    return {row.name: row.after if claimed else row.before for row in study.derivatives}
+
+
 def reference(study: StandInStudy) -> PseudoTrue | None:
-    """Pseudo-true values of the model that a study ended with, hints included: its derivatives are those; None where it cannot be fitted."""
-    claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects}
+    """Pseudo-true values of the declared model with what was claimed; None where it cannot be fitted."""
+    claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects if c.claimed}
     rng = np.random.default_rng((SPREAD, study.seed))
     try:
-        found = {row.name: row.after.value for row in study.derivatives}
+        found = {name: quantity.value for name, quantity in claimed_model(study).items()}
         return pseudo_true(study.flight.drawn, claims, study.standin.draws, rng, len(study.tracing.records), found)
     except (FlightidError, np.linalg.LinAlgError):
         return None

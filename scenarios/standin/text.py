@@ -11,13 +11,14 @@ from scenarios.standin.drawing import Dominant, Drawn
 from scenarios.standin.fitting import declared_model, left_over
 from scenarios.standin.flight import Flight
 from scenarios.standin.study import StandInStudy
+from scenarios.text_tables import WIDTH
 
 
-def standin_text(study: StandInStudy) -> str:
+def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
     """Before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
     blocks = [
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
-        diagnosis_text(study.tracing).rstrip().split("\n"),
+        diagnosis_text(study.tracing, width).rstrip().split("\n"),
         table(("derivative", "nominal", "before", "after", "before, %", "after, %"), _rows(study), title="derivatives against the nominal ones"),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
