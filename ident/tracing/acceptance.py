@@ -67,7 +67,8 @@ def with_held_out_change(
 ) -> list[Candidate]:
     """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
 
-    Events are left out: they would have to be looked for anew in each held-out record; and so are those that bring little beside another.
+    What was weighed on held-out data already keeps its change. Events are left out: they would have to be looked for anew in each
+    held-out record; and so are those that bring little beside another.
     """
     most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
     done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
@@ -82,6 +83,9 @@ def with_held_out_change(
 
     out = []
     for candidate in evidence:
+        if candidate.held_out_change is not None:
+            out.append(candidate)
+            continue
         names = frozenset(candidate.within)
         after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > LITTLE * most else None
         base = level(names) if after is not None else None

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.tracing.acceptance import doubted, error_figures, held_out, low_frequency_power, prediction, training_prior, whiteness
+from ident.tracing.acceptance import (
+    doubted,
+    error_figures,
+    held_out,
+    low_frequency_power,
+    prediction,
+    training_prior,
+    whiteness,
+    with_held_out_change,
+)
 from ident.tracing.cleaning import measured_masks
+from ident.tracing.diagnosis import Candidate
 from ident.tracing.node import Node
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -180,3 +192,15 @@ def test_a_fit_that_fails_says_so(node: Node) -> None:
     elevator = Channel.of("elevator", "rad", 1e300 * record["elevator"].values)
     broken = Record(record.time, (elevator,), record.outputs, record.hold)
     assert held_out(node, [broken], None, informed=False).frozen is None
+
+
+def test_what_was_weighed_on_held_out_data_keeps_its_change() -> None:
+    record, other = planted([SensorLag("q")], LAG, 1), planted([SensorLag("q")], LAG, 2)
+    search = search_of([record])
+    root, lagged = fitted(search), fitted(search, (SensorLag("q"),), None, LAG)
+    before = held_out(root, [other], None, informed=False)
+    gain = root.fit.cost - lagged.fit.cost
+    weighed = Candidate(1, (), "sensor-lag:q", gain, 0.0, True, True, {}, -0.3)
+    found = with_held_out_change([weighed, replace(weighed, held_out_change=None)], {frozenset({"sensor-lag:q"}): lagged}, before, [other], None)
+    assert found[0] is weighed
+    assert found[1].held_out_change is not None and -0.9 < found[1].held_out_change < 0.0 and found[1].held_out_change != -0.3
