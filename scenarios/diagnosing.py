@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Protocol
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness
 from scenarios.candidates import candidates_for, read_effects
 from scenarios.diagnosis_kinematics import Kinematics, kinematics_of_files
 from scenarios.files.channels import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import split_off
+from scenarios.kinematic_witness import KinematicWitness
 from scenarios.preparation.plan import Plan
 from sim.effect import Effect
 from sim.errors import DeclarationError, RecordError
@@ -41,6 +43,7 @@ class Trace(Protocol):
         validation: Sequence[Record],
         settings: TraceSettings,
         progress: Callable[[str, float], None],
+        witness: Witness,
     ) -> Diagnosis: ...
 
 
@@ -146,7 +149,9 @@ def diagnose_files(
     refuse_unpredictable(ready.validation, full)
     candidates = candidates_for(full, own)
     run = trace or _loop()
-    diagnosis = run(fitted, full, candidates, guards_for(full.equations), validation=predicted, settings=TraceSettings(), progress=progress)
+    checked = [*records, *(validate if plan.segments == Plan().segments else ())]
+    witness = KinematicWitness((lambda: kinematics_of_files(checked, declared, channels, plan)) if declared.model in KINEMATIC else None)
+    diagnosis = run(fitted, full, candidates, guards_for(full.equations), predicted, TraceSettings(), progress, witness)
     return Tracing(
         diagnosis,
         declared,
@@ -159,15 +164,9 @@ def diagnose_files(
         {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
         notes,
         ready.doubts,
-        _kinematics(declared, diagnosis, [*records, *(validate if plan.segments == Plan().segments else ())], channels, plan),
+        # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
+        witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
     )
-
-
-def _kinematics(declared: VehicleFile, diagnosis: Diagnosis, paths: Sequence[Path], channels: Path | None, plan: Plan | None) -> Kinematics | None:
-    """The check of an aircraft's records, where a verdict needs evidence: a check costs as much as some candidates."""
-    if declared.model not in KINEMATIC or diagnosis.verdict is Verdict.CONSISTENT:
-        return None
-    return kinematics_of_files(paths, declared, channels, plan)
 
 
 def _loop() -> Trace:

@@ -11,8 +11,9 @@ from ident.fit import Fit
 from ident.tracing.expansion import COLLINEAR
 from ident.tracing.node import Node, guards_among
 from ident.tracing.reduction import Reduction, reduction
-from ident.tracing.replication import Replication
+from ident.tracing.replication import Replication, own_quantities
 from ident.tracing.screening import Finding, collinear
+from ident.tracing.witness import Witness, silent
 from sim.effect import Effect
 
 SURE = 2.0  # of its scatter
@@ -45,7 +46,7 @@ class Stood:
     others: tuple[Standing, ...]
 
 
-def choose(results: Sequence[Standing]) -> Stood | None:
+def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | None:
     """The best of those that stand, with those as good; None where a guard, or what does not replicate, does better than all of them."""
     standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
     if not standing:
@@ -55,8 +56,9 @@ def choose(results: Sequence[Standing]) -> Stood | None:
     if any(_better_guard(item, lowest) for item in guards):
         return None
     equals = [item for item in standing if _as_good(item, lowest)]
-    # Among equals the one with fewest parameters, then the best.
-    best = min(equals, key=lambda item: (item.finding.parameters, item.reduction.total))
+    # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
+    said = {id(item): witness(item.effect.name, own_quantities(item.node, item.effect)) for item in equals} if len(equals) > 1 else {}
+    best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
     others = sorted((item for item in equals if item is not best), key=lambda item: item.reduction.total)
     return Stood(best, tuple(others))
 

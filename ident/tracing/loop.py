@@ -21,6 +21,7 @@ from ident.tracing.search import defies, extended, first_round, grow, hopeless, 
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
+from ident.tracing.witness import Witness, silent
 from sim.effect import Effect
 from sim.errors import ModelError
 from sim.model import Model
@@ -35,6 +36,7 @@ def diagnose(
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = lambda text, share: None,
+    witness: Witness = silent,
 ) -> Diagnosis:
     """Trace what a model lacks.
 
@@ -44,6 +46,7 @@ def diagnose(
     candidates : effects that may be claimed. guards : terms that compete like effects but mean ``unexplained``.
     validation : data that are not fitted; empty means that errors are those of the fit.
     progress : told what is being done and how much of the work that is.
+    witness : speaks of effects by other means than the model (``Flight``); asked only where a ranking hangs on it.
 
     Raises
     ------
@@ -58,7 +61,9 @@ def diagnose(
         seconds[name] = clock.perf_counter() - started - sum(seconds.values())
 
     progress("fitting the declared model", 0.0)
-    search = Search(records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress, beside=validation)
+    search = Search(
+        records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress, beside=validation, witness=witness
+    )
     root = search.fit((), None)
     if root is None:
         raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check units and starting values")

@@ -36,7 +36,7 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
     """Effects of the library that replicate and lower the held-out error although what remains is not noise; None where none does."""
     if masks is None or is_forced(root.system) or len(search.records) + len(validation) < 2:
         return None
-    flight = Flight((*search.records, *validation), (*search.masks, *masks), search.model, tuple(search.outputs), search.settings)
+    flight = Flight((*search.records, *validation), (*search.masks, *masks), search.model, tuple(search.outputs), search.settings, search.witness)
     search.progress("looking for what replicates", 0.92)
     stood, weighed = standing_effects(flight, search.candidates, root)
     if not stood:

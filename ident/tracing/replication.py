@@ -13,6 +13,7 @@ from ident.tracing.diagnosis import Quantity
 from ident.tracing.expansion import quantities_with
 from ident.tracing.node import Node, Values, fit_set
 from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness, silent
 from sim.effect import Effect, full_name
 from sim.model import Model
 from sim.record import Record
@@ -25,13 +26,17 @@ STANDS = 2.0  # corrected sigmas from absence
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """All records that speak on one aircraft, fitted or held out, with their masks ``(m, N)`` and the outputs they have."""
+    """All records that speak on one aircraft, fitted or held out, with their masks ``(m, N)`` and the outputs they have.
+
+    ``witness`` speaks of effects by other means than the model.
+    """
 
     records: tuple[Record, ...]
     masks: tuple[np.ndarray, ...]
     model: Model
     outputs: tuple[str, ...]
     settings: TraceSettings
+    witness: Witness = silent
 
     def fit(
         self,

@@ -13,6 +13,7 @@ from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.node import Node, fit_set, levels_of
 from ident.tracing.scoring import few_samples, unevenness
 from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness, silent
 from sim.effect import Effect
 from sim.model import Model
 from sim.record import Record
@@ -46,6 +47,7 @@ class Search:
     totals: dict[frozenset[str], float] = field(default_factory=dict)
     misfits: dict[frozenset[str], float] = field(default_factory=dict)
     beside: Sequence[Record] = ()
+    witness: Witness = silent
     spent: float = 0.0
 
     def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:

@@ -88,7 +88,7 @@ def _weigh_all(flight: Flight, candidates: Sequence[Effect], node: Node) -> _Ste
     guards = [finding for finding in findings if guards_among([finding.effect.name])]
     tried = [finding for finding in findings if finding not in guards][:MOST] + guards[:GUARDS]
     results = [item for item in (_weigh(flight, node, finding, before) for finding in tried) if item is not None]
-    return _Step(node, before, findings, results, choose(results))
+    return _Step(node, before, findings, results, choose(results, flight.witness))
 
 
 def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[Stood]) -> tuple[list[Stood] | None, list[Standing]]:
@@ -98,7 +98,12 @@ def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, fo
     children = [child for pair in pairs if (child := _fit_pair(flight, first.node, pair)) is not None]
     best = min(children, key=lambda child: child.fit.cost, default=None)
     reached = -_fitted_change(first.node, found[-1].best.node) if found else 0.0
-    if best is None or -_fitted_change(first.node, best) < reached + (SMALL if len(found) > 1 else HALF * WORTH):
+    fall = -_fitted_change(first.node, best) if best is not None else 0.0
+    if best is None or fall <= reached:
+        return None, []
+    # What a witness speaks for need not be better by as much.
+    vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects)
+    if not vouched and fall < reached + (SMALL if len(found) > 1 else HALF * WORTH):
         return None, []
     stood: list[Stood] = []
     weighed: list[Standing] = []
@@ -114,7 +119,7 @@ def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, fo
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & stood[-1].best.predictions.keys())
     lowered = reduction([last[r] for r in common], [stood[-1].best.predictions[r] for r in common])
-    least = SMALL if len(found) > 1 else WORTH
+    least = 0.0 if vouched else SMALL if len(found) > 1 else WORTH
     return (stood[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
 
 
