@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from ident.fit_layout import FitSettings
 from ident.output_error import fit_covariance
 from ident.tracing.acceptance import held_out
 from ident.tracing.choosing import Standing, choose
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.form import form_spread
 from ident.tracing.node import Node
 from ident.tracing.occasion import occasion_at
@@ -151,6 +153,24 @@ def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_an
     # What an effect contains speaks for it.
     assert choose([standing(curved, node, before, 0.6), standing(squared, node, before, 0.5)]) is not None
     assert choose([effect, standing(squared, node, before, 0.5)]) is None
+
+
+def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
+    node = fitted(search_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
+    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    one, other = standing(LATE, node, before, 0.600), standing(SCALED, node, before, 0.605)
+    asked: list[str] = []
+
+    def witness(effect: str, parameters: Mapping[str, Quantity]) -> int:
+        asked.append(effect)
+        return int(effect == SCALED.name and parameters["scale"].value > 0)
+
+    assert (first := choose([one, other])) is not None and first.best is one
+    assert (second := choose([one, other], witness)) is not None and second.best is other and [item.effect for item in second.others] == [LATE]
+    assert sorted(asked) == sorted([LATE.name, SCALED.name])
+    asked.clear()
+    assert (third := choose([one, standing(SCALED, node, before, 0.8)], witness)) is not None and third.best is one and asked == []
 
 
 def test_a_curve_is_not_asked_for_what_only_one_record_flew() -> None:
