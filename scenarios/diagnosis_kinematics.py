@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.effect_wording import Wording, group_sentence, with_sigma
-from scenarios.preparation.ports import SPEED
 from sim.errors import FlightidError
-from sim.record import Channel, Record
+from sim.record import Record
 
 if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan
 
 NEEDED = ("alpha", "q", "nz")
-CONTROLS = ("elevator", "stick")
 ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
@@ -49,14 +45,6 @@ class Agreement:
     sentence: str
 
 
-def kinematics_of(records: Sequence[Record], airspeed: float, gravity: float | None = None, vane_arm: float = 0.0) -> Kinematics:
-    """Check the first records that measure alpha, q and nz, up to about ``ENOUGH`` samples; a check that fails is told, never raised.
-
-    ``airspeed`` (m/s), ``gravity`` (m/s2), ``vane_arm`` (m): those of the vehicle file; a measured airspeed, prepared as an input, goes before.
-    """
-    return _checked([_with_airspeed(record, airspeed) for record in records], _settings(airspeed, gravity, vane_arm))
-
-
 def kinematics_of_files(paths: Sequence[Path], vehicle: VehicleFile, channels: Path | None = None, plan: Plan | None = None) -> Kinematics:
     """What ``flightid check`` says of the first files that measure alpha, q and nz, up to about ``ENOUGH`` samples; never raised, but told.
 
@@ -71,18 +59,16 @@ def kinematics_of_files(paths: Sequence[Path], vehicle: VehicleFile, channels: P
     try:
         choices = read_channel_map(channels) if channels is not None else None
         records = (record_to_check(path, segment, plan, choices, vehicle)[0] for path in paths for segment in plan.segments)
-        return _checked(records, settings_of(vehicle))
+        return kinematics_of(records, settings_of(vehicle))
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))
 
 
-def _settings(airspeed: float, gravity: float | None, vane_arm: float) -> CompatibilitySettings:
-    settings = CompatibilitySettings(airspeed=airspeed, vane_arm=vane_arm)
-    return settings if gravity is None else replace(settings, gravity=gravity)
+def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) -> Kinematics:
+    """Check the first records that measure alpha, q and nz, up to about ``ENOUGH`` samples, beyond which none is even read.
 
-
-def _checked(records: Iterable[Record], settings: CompatibilitySettings) -> Kinematics:
-    """Check the first usable records; those beyond ``ENOUGH`` samples are not even read."""
+    A check that fails is told, never raised.
+    """
     from ident.compatibility.check import compatibility
     from ident.compatibility.signals import measured_channels
 
@@ -219,15 +205,6 @@ def _is_sensor(name: str) -> bool:
     """Whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
     return base == "vane-offset" or base in {f"sensor-{kind}" for kind in PARAMETERS}
-
-
-def _with_airspeed(record: Record, airspeed: float) -> Record:
-    """The record with controls as its only inputs, and its measured airspeed, where preparation made an input of it, as a channel again."""
-    inputs = tuple(channel for channel in record.inputs if channel.name in CONTROLS)
-    if SPEED not in record.input_names:
-        return replace(record, inputs=inputs)
-    speed = Channel.of("airspeed", "m/s", np.maximum(airspeed + record[SPEED].values, 1e-3))
-    return replace(record, inputs=inputs, outputs=(*record.outputs, speed))
 
 
 def _number(quantity: Quantity) -> dict[str, Any]:

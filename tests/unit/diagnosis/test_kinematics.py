@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.compatibility.result import CheckResult, Compatibility, SensorEstimate, SensorFinding
+from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
 from ident.compatibility.result import Quantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.checking import check_files, read_any_vehicle
@@ -31,13 +31,13 @@ from scenarios.diagnosis_kinematics import (
 from scenarios.diagnosis_text import diagnosis_text
 from scenarios.effect_wording import Wording
 from scenarios.files.writing import json_text, write_record
-from scenarios.preparation.ports import SPEED as SPEED_INPUT
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of
 from tests.integration.command_line import VEHICLE
 from tests.oracles.flight_path import Sensors
 from tests.unit.compatibility.flights import FOUR, SPEED, record
 
+AT_130 = CompatibilitySettings(airspeed=130.0)
 LATE = Claim("sensor-delay:alpha", {"delay": Quantity(0.061, 0.002, "s")}, ("sensor-lag:alpha",))
 
 
@@ -102,7 +102,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
 
 
 def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
-    kinematics = kinematics_of([record(sensors=Sensors(delay={"alpha": 0.06}), seed=1)], SPEED)
+    kinematics = kinematics_of([record(sensors=Sensors(delay={"alpha": 0.06}), seed=1)], CompatibilitySettings(airspeed=SPEED))
     (found,) = agreements(kinematics, [LATE])
     assert found.says == AGREES and found.found is not None
     assert found.found.value == pytest.approx(0.06, abs=3.0 * found.found.std + 0.005)
@@ -121,7 +121,7 @@ def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
     ],
 )
 def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record, ...]) -> None:
-    kinematics = kinematics_of(records, 130.0)
+    kinematics = kinematics_of(records, AT_130)
     lines = kinematics_lines(kinematics, [LATE], Wording())
     assert lines and all("\n" not in line for line in lines)
     if kinematics.result is None:
@@ -131,14 +131,7 @@ def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record
 def test_so_many_records_are_checked_as_are_affordable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ident.compatibility.check.compatibility", lambda records, settings: checked().result)
     many = [replace(measured_record(count=ENOUGH // 2), name=f"{n}.csv") for n in range(4)]
-    assert kinematics_of([measured_record(("alpha", "q")), *many], 130.0).records == ("0.csv", "1.csv")
-
-
-def test_a_measured_speed_that_became_an_input_is_a_channel_again() -> None:
-    measured = measured_record()
-    speed = Channel.of(SPEED_INPUT, "m/s", np.linspace(0.0, 4.0, len(measured)))
-    kinematics = kinematics_of([replace(measured, inputs=(*measured.inputs, speed), hold=Hold.LINEAR)], 130.0)
-    assert kinematics.result is not None and "airspeed" in kinematics.result.channels
+    assert kinematics_of([measured_record(("alpha", "q")), *many], AT_130).records == ("0.csv", "1.csv")
 
 
 def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: Path) -> None:
