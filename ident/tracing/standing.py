@@ -107,15 +107,18 @@ def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, fo
         return None, []
     stood: list[Stood] = []
     weighed: list[Standing] = []
-    for one, other in (best.effects, best.effects[::-1]):
+    one = best.effects[0]
+    for _ in range(2):
+        # The second may be another than the pair's, where that does better; the first has to come out again beside it.
         alone = flight.fit((one,), range(len(flight.records)), best.values)
         step = _weigh_all(flight, candidates, alone) if alone is not None else None
-        if step is None:
-            return None, weighed
-        weighed += step.results
-        if step.chosen is None or other.name not in {item.effect.name for item in (step.chosen.best, *step.chosen.others)}:
+        weighed += step.results if step is not None else []
+        if step is None or step.chosen is None:
             return None, weighed
         stood.append(step.chosen)
+        one = step.chosen.best.effect
+    if best.effects[0].name not in {item.effect.name for item in (stood[1].best, *stood[1].others)}:
+        return None, weighed
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & stood[-1].best.predictions.keys())
     lowered = reduction([last[r] for r in common], [stood[-1].best.predictions[r] for r in common])
