@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -188,3 +189,16 @@ def test_a_state_that_grows_without_limit_is_returned_as_it_is() -> None:
     altitude = fly(FALL, flight, p, [5000.0, -1800.0], euler_step)[0]
     assert np.isfinite(altitude[:2]).all() and not np.isfinite(altitude[-1])
     assert np.isfinite(fly(FALL, flight, p, [60000.0, -1800.0])[0][:5]).all()
+
+
+def test_a_state_that_runs_away_is_infinite_from_there_on_whatever_its_functions_raise() -> None:
+    """x_dot = x^2 + cos(x)^2 reaches infinity after a second or two; the cosine of that is an error of its own, not of a number too large."""
+    grid = make_grid(np.linspace(0.0, 40.0, 41), 0.05)
+
+    def rates(t: Any, x: Any, u: Any, p: Any) -> list[Any]:
+        return [x[0] * abs(x[0]) * math.cos(x[0]) ** 0 + math.cos(x[0]) ** 2]
+
+    away = propagate(
+        replace(FALL, f=rates), [], [1.0], drive_from_record(FALL, values(FALL), np.zeros((0, 41)), grid.nodes, Hold.PREVIOUS, grid), grid
+    )[0]
+    assert away[0] == 1.0 and np.isinf(away[-1]) and not np.any(np.isnan(away[: int(np.argmax(~np.isfinite(away)))]))
