@@ -22,8 +22,12 @@ def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
 
 
 def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters."""
-    asked = [candidate for candidate in d.candidates if candidate.remark]
+    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters.
+
+    What was asked twice, alone and again for a pair, stands there once: with the answer that it stands, if that is one of them.
+    """
+    answers = sorted((candidate for candidate in d.candidates if candidate.remark), key=lambda c: c.remark != STANDS)
+    asked = list({(candidate.within, candidate.name): candidate for candidate in reversed(answers)}.values())
     asked.sort(key=lambda c: (len(c.within), c.held_out_change if c.held_out_change is not None else 0.0))
     cells = [candidate_row(candidate) for candidate in asked]
     return [(row[1], row[4], _answer(candidate), row[5]) for row, candidate in zip(cells, asked, strict=True)]

@@ -92,6 +92,20 @@ def test_a_guard_that_helps_does_not_stand() -> None:
     assert weighed_rows(replace(d, candidates=(guard,)))[0][2] == "helps, but is no effect of the library"
 
 
+def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
+    d = proven_tracing().diagnosis
+    one = replace(d.candidates[-1], within=("sensor-scale:nz",), name="sensor-lag:q")
+    stands, beaten, alone = (
+        replace(one, remark="stands"),
+        replace(one, remark="stands, but another does better"),
+        replace(one, within=(), remark="no"),
+    )
+    for order in ((stands, beaten, alone), (alone, beaten, stands)):
+        rows = {row[0]: row[2] for row in weighed_rows(replace(d, candidates=order))}
+        assert rows == {"sensor-scale:nz + sensor-lag:q": "stands", "sensor-lag:q": "no"}
+        assert len(weighed_rows(replace(d, candidates=order))) == 2
+
+
 def test_a_second_effect_is_measured_from_the_first() -> None:
     (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=evidence_of()), which) for which in (0, 1))
     assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what the effects before it leave")
