@@ -20,7 +20,6 @@ from scenarios.effect_wording import Wording, sentence
 
 SCHEMA = "flightid/diagnosis/1"
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
-PACKAGES = ("flightid", "numpy", "scipy")
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from scenarios.diagnosis_evidence import evidence_sentences, member_tables, scat
 from scenarios.diagnosis_kinematics import kinematics_lines
 from scenarios.effect_wording import DEGREES, Wording, group_sentence, parameter_text, sentence, value_text
 from scenarios.separating import separating_maneuvers
-from scenarios.text_tables import WIDTH, wrapped
-from scenarios.text_tables import table as table
+from scenarios.text_tables import WIDTH, table, wrapped
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.diagnosis_content import bounded, versions
-from scenarios.diagnosis_text import table
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.standin.campaign import Judged, Share, by_derivative, by_effect, shares
 from scenarios.standin.declaration import StandIn
+from scenarios.text_tables import table
 
 _LABELS = {
     "named": "hidden effects named, alone or in a group",

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenarios.diagnosis_text import diagnosis_text, table
+from scenarios.diagnosis_text import diagnosis_text
 from scenarios.effect_wording import value_text
 from scenarios.standin.declaration import MEASURED
 from scenarios.standin.drawing import Dominant, Drawn
 from scenarios.standin.fitting import declared_model, left_over
 from scenarios.standin.flight import Flight
 from scenarios.standin.study import StandInStudy
-from scenarios.text_tables import WIDTH
+from scenarios.text_tables import WIDTH, table
 
 
 def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
