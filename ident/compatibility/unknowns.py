@@ -26,8 +26,8 @@ class Unknown:
 
 def unknowns_of(s: Signals) -> tuple[Unknown, ...]:
     """Starts of the states; biases that the relations need; without theta two numbers for gravity's turn; without an airspeed how far
-    the given one is off; when nz jumps with an input, by how much
-    its integral may be off."""
+    the given one is off; where nz jumps with an input, by how much its integral may be off.
+    """
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     if "theta" in s.outputs:
         out.append(Unknown(("q", BIAS), 1e-4))
