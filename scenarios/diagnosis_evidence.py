@@ -22,12 +22,12 @@ LARGEST = 1e30
 EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
-def evidence_sentences(claim: Claim, which: int = 0) -> list[str]:
-    """That an effect replicates, and by how much it lowers the error; nothing without evidence. ``which`` counts claims that have some."""
+def evidence_sentences(claim: Claim) -> list[str]:
+    """That an effect replicates, and by how much it lowers the error, beside which others; nothing without evidence."""
     evidence = claim.evidence
     if evidence is None:
         return []
-    before = "of what it was" if which == 0 else "of what the effects before it leave"
+    before = f"of what it is with {' and '.join(evidence.beside)} alone" if evidence.beside else "of what it was"
     lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
     count = len(evidence.by_record)
     values = by_record_text(evidence)

@@ -78,7 +78,7 @@ def headline(tracing: Tracing) -> str:
     proven = [claim for claim in claimed if claim.evidence is not None]
     parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
     if proven:
-        parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim, i)]) for i, claim in enumerate(proven)]
+        parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim)]) for claim in proven]
         parts = [group_sentence(claim, wording) for claim in claimed if claim.evidence is None] + parts
     error = _error_phrase(tracing)
     if error and not proven:

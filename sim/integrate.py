@@ -53,10 +53,7 @@ def propagate(system: System, p: Sequence[Any], x0: Sequence[Any], drive: Drive,
             u = ([row[m] for row in stages[0]], [row[m] for row in stages[1]], [row[m] for row in stages[2]])
             try:
                 x = step(f, times[m], x, u, p, dt)
-            except (OverflowError, ValueError) as error:
-                # Of floats that have run away math.cos and its like say ValueError; of arrays that is a fault of ours.
-                if shape != () and isinstance(error, ValueError):
-                    raise
+            except OverflowError:
                 history[:, m + 1 :] = np.inf
                 break
             for i, value in enumerate(x):

@@ -40,9 +40,9 @@ def exp(x: Any) -> Any:
 
 
 def cos(x: Any) -> Any:
-    """Cosine of a float, complex number or array."""
+    """Cosine of a float, complex number or array; NaN of an infinite float, as of an array, where ``math`` would raise."""
     if isinstance(x, float):
-        return math.cos(x)
+        return math.cos(x) if math.isfinite(x) else math.nan
     return cmath.cos(x) if isinstance(x, complex) else np.cos(x)
 
 

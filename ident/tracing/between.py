@@ -42,10 +42,10 @@ class Between:
 def between_records(search: Search, node: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> Between:
     """Compare all records, fitted or held out: each has its derivatives for itself, the effects of the set are in common.
 
-    Nothing with one record or with random motion.
+    Nothing with one record, of which a held-out part is no second one, or with random motion.
     """
     records, all_masks = (*search.records, *validation), (*search.masks, *(masks or ()))
-    if len(records) < 2 or len(records) != len(all_masks) or is_forced(node.system):
+    if len({record.name for record in records}) < 2 or len(records) != len(all_masks) or is_forced(node.system):
         return Between()
     flight = Flight(records, all_masks, search.model, tuple(search.outputs), search.settings)
     names = [name for name in node.values.shared if name in search.model.parameters]
@@ -74,6 +74,7 @@ def growth(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     freedom = values.shape[1] - 1
     own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
     shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))  # the median of chi-squared lies below its mean
-    squared = (freedom * own + BORROWED * shared) / (freedom + BORROWED)
-    wider = float(stdtrit(freedom + BORROWED, TWO_SIGMA)) / 2.0
+    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
+    squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
+    wider = float(stdtrit(freedom + borrowed, TWO_SIGMA)) / 2.0
     return np.maximum(1.0, wider * np.sqrt(squared))

@@ -59,7 +59,9 @@ def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | No
     # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
     said = {id(item): witness(item.effect.name, own_quantities(item.node, item.effect)) for item in equals} if len(equals) > 1 else {}
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
-    others = sorted((item for item in equals if item is not best), key=lambda item: item.reduction.total)
+    # One and the same signature does as well under another name, too, where only its values by record differ.
+    alike = [item for item in results if not item.stands and item.replication.values and _same_trace(item, best) and _as_good(item, best)]
+    others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
     return Stood(best, tuple(others))
 
 
@@ -78,8 +80,11 @@ def _better_guard(guard: Standing, best: Standing) -> bool:
 def _as_good(item: Standing, best: Standing) -> bool:
     """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
     behind, scatter = _behind(item, best)
-    alike = collinear(item.finding, best.finding) > COLLINEAR
-    return behind <= (3.0 if alike else SURE) * max(scatter, 0.5 * SMALL)
+    return behind <= (3.0 if _same_trace(item, best) else SURE) * max(scatter, 0.5 * SMALL)
+
+
+def _same_trace(item: Standing, best: Standing) -> bool:
+    return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > COLLINEAR
 
 
 def _behind(item: Standing, best: Standing) -> tuple[float, float]:

@@ -50,13 +50,15 @@ class Evidence:
 
     ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
     scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
-    parameters with it, and with each of its alternatives in its place, by effect name.
+    parameters with it, and with each of its alternatives in its place, by effect name. ``beside`` names the effects that were in the
+    model before.
     """
 
     error_left: float
     error_left_std: float
     by_record: tuple[Mapping[str, Quantity], ...]
     derivatives: Mapping[str, Mapping[str, Quantity]]
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

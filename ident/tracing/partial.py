@@ -66,6 +66,7 @@ def _claim(node: Node, item: Stood) -> Claim:
         float(best.reduction.share * best.reduction.scatter),
         best.replication.values,
         {member.effect.name: _derivatives(member.node) for member in members},
+        best.node.names[:-1],
     )
     alternatives = tuple(other.effect.name for other in item.others[:ALTERNATIVES])
     found = {
@@ -103,4 +104,5 @@ def _sentence(item: Stood) -> str:
     best = item.best
     each = ", ".join(f"{100.0 * (np.exp(total) - 1.0):+.0f} %" for total in best.reduction.by_record)
     also = f"; {', '.join(other.effect.name for other in item.others)} would do as well" if item.others else ""
-    return f"{best.effect.name} replicates and changes the error on records not fitted by {each}{also}"
+    beside = f" beside {', '.join(best.node.names[:-1])}" if len(best.node.names) > 1 else ""
+    return f"{best.effect.name}{beside} replicates and changes the error on records not fitted by {each}{also}"

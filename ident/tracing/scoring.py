@@ -11,6 +11,8 @@ from ident.tracing.node import Node
 
 FEW = 3  # samples
 
+FEWEST = 20  # samples of a channel, below which nothing is said of its colour
+
 
 def unevenness(parent: Node, child: Node) -> float:
     """sum(c^2 e^2)/sum(c^2), c the change of the fitted output and e the innovation, both in sigmas; at least 1.
@@ -56,10 +58,13 @@ def is_white(node: Node, least: float = 1e-3) -> bool:
 
 def is_coloured_throughout(node: Node, least: float) -> bool:
     """Whether every channel of every record shows correlation, each with a p-value below ``least``."""
-    return all(p_value < least for p_value in _whiteness(node))
+    told = list(_whiteness(node))
+    return bool(told) and all(p_value < least for p_value in told)
 
 
 def _whiteness(node: Node) -> Iterator[float]:
+    """P-values of every channel of every record that measures it."""
     for problem, residual in zip(node.fit.layout.problems, node.fit.residuals, strict=True):
         for i, name in enumerate(node.system.output_names):
-            yield ljung_box(residual[i], problem.valid[i], name).p_value
+            if np.count_nonzero(problem.valid[i]) >= FEWEST:
+                yield ljung_box(residual[i], problem.valid[i], name).p_value

@@ -59,7 +59,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         where=text.where_predicted(tracing),
         errors=text.error_rows(d),
         kinematics=_kinematics(tracing),
-        replicated=[_replicated(claim, i) for i, claim in enumerate(claim for claim in d.effects if claim.evidence is not None)],
+        replicated=[_replicated(claim) for claim in d.effects if claim.evidence is not None],
         replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
         weighed=weighed_rows(d),
         headings=text.derivative_headings(d)[2:],
@@ -93,8 +93,8 @@ def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
     }
 
 
-def _replicated(claim: Claim, which: int) -> dict[str, Any]:
-    told = " ".join(evidence_sentences(claim, which))
+def _replicated(claim: Claim) -> dict[str, Any]:
+    told = " ".join(evidence_sentences(claim))
     return {"name": claim.name, "told": _capital(told)}
 
 

@@ -107,8 +107,9 @@ def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
 
 
 def test_a_second_effect_is_measured_from_the_first() -> None:
-    (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=evidence_of()), which) for which in (0, 1))
-    assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what the effects before it leave")
+    alone, beside = evidence_of(), replace(evidence_of(), beside=("vane-offset",))
+    (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=each)) for each in (alone, beside))
+    assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what it is with vane-offset alone")
 
 
 def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:

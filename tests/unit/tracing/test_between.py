@@ -23,6 +23,18 @@ def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None
         assert 0.93 < held / (6 * flights) < 0.985, (count, held / (6 * flights))
 
 
+def test_one_derivative_borrows_from_none() -> None:
+    """Ten times its sigma: two records hold as much as Student's t does for one degree of freedom, no less."""
+    rng = np.random.default_rng(2)
+    for count in (2, 3, 5):
+        sigma = rng.uniform(0.5, 2.0, (4000, 1, count))
+        values = 10.0 * sigma * rng.standard_normal(sigma.shape)
+        weight = sigma**-2
+        mean, std = np.sum(weight * values, axis=2) / weight.sum(axis=2), weight.sum(axis=2) ** -0.5
+        held = np.mean([abs(m[0]) < 2.0 * growth(v, s)[0] * d[0] for m, v, s, d in zip(mean, values, sigma, std, strict=True)])
+        assert 0.94 < held < 0.97, (count, held)
+
+
 def test_one_derivative_that_differs_does_not_take_the_others_with_it() -> None:
     sigma = np.ones((6, 5))
     values = np.tile([1.0, -1.0, 1.0, -1.0, 0.0], (6, 1))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ident.tracing.node import Node
-from ident.tracing.scoring import few_samples, is_white, unevenness
+from ident.tracing.scoring import few_samples, is_coloured_throughout, is_white, unevenness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
-from tests.tracing_problem import fitted, planted, search_of, with_output
+from tests.tracing_problem import fitted, planted, search_of, with_output, without_output
 
 PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
 
@@ -128,3 +128,11 @@ def test_whiteness_is_asked_at_the_level_given(root: Node) -> None:
     node = with_residuals(root, [residual])
     assert is_white(node, 1e-9)
     assert not is_white(node, 0.999)
+
+
+def test_a_channel_that_one_record_lacks_does_not_make_it_white() -> None:
+    node = fitted(search_of([planted([], None, 1), without_output(planted([], None, 2), "nz")]))
+    rng = np.random.default_rng(1)
+    wandering = [np.where(problem.valid, np.cumsum(rng.standard_normal(problem.valid.shape), axis=1), 0.0) for problem in node.fit.layout.problems]
+    assert is_coloured_throughout(with_residuals(node, wandering), 1e-20)
+    assert not is_coloured_throughout(node, 1e-20) and is_white(node)

@@ -155,6 +155,17 @@ def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_an
     assert choose([effect, standing(squared, node, before, 0.5)]) is None
 
 
+def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from_record_to_record(late: Flight) -> None:
+    node = root_of(late)
+    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    best, differing = standing(SCALED, node, before, 0.6), standing(LATE, node, before, 0.59, stands=False)
+    told = replace(differing, replication=Replication(({"delay": Quantity(0.1, 0.01, "s")},), False))
+    apart = replace(told, finding=replace(told.finding, contribution=np.array([1.0, -1.0, 0.0])))
+    assert [item.effect.name for item in choose([best, told]).others] == [LATE.name]  # type: ignore[union-attr]
+    assert choose([best, differing]).others == choose([best, apart]).others == ()  # type: ignore[union-attr]
+
+
 def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
     node = fitted(search_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
     frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
