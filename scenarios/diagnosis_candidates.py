@@ -7,6 +7,7 @@ from scenarios.effect_wording import displayed, with_sigma
 
 GUARD, STANDS = "guard:", "stands"
 SHOWN = 6  # candidates of a round
+TENFOLD = 9.0  # growth of an error, from which its size says nothing more
 
 
 def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
@@ -40,7 +41,7 @@ def _answer(c: Candidate) -> str:
 
 def candidate_row(c: Candidate) -> tuple[str, ...]:
     """Round, name, gain, p-value, held-out change, parameters, remarks."""
-    held = "-" if c.held_out_change is None else f"{100.0 * c.held_out_change:+.1f} %"
+    held = _change(c.held_out_change)
     told = [f"{name} {with_sigma(quantity, name=name) if c.fitted else _estimate(name, quantity)}" for name, quantity in c.parameters.items()]
     parameters = ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
     remarks = [] if c.fitted else ["screened"]
@@ -57,3 +58,10 @@ def _estimate(name: str, quantity: Quantity) -> str:
     value, _, unit = displayed(quantity, name)
     shown = f"{value:.1f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"  # a moment late in a record
     return f"about {shown}{f' {unit}' if unit not in ('', '1') else ''}"
+
+
+def _change(share: float | None) -> str:
+    """A change of the held-out error in per cent; where a simulation runs away only that it is tenfold and more."""
+    if share is None:
+        return "-"
+    return f"{100.0 * share:+.1f} %" if share < TENFOLD else "over +900 %"

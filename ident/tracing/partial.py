@@ -40,6 +40,7 @@ def stand_by_themselves(search: Search, root: Node, validation: Sequence[Record]
     search.progress("looking for what replicates", 0.92)
     stood, weighed = standing_effects(flight, search.candidates, root)
     if not stood:
+        search.evidence += [_candidate(item, chosen=False) for item in weighed]
         return None
     node = search.fit(tuple(item.best.effect for item in stood), root, _starts(stood))
     if node is None:

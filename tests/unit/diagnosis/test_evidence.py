@@ -10,7 +10,7 @@ import pytest
 
 from ident.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
-from scenarios.diagnosis_candidates import weighed_rows
+from scenarios.diagnosis_candidates import candidate_row, weighed_rows
 from scenarios.diagnosis_content import diagnosis_content
 from scenarios.diagnosis_evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
 from scenarios.diagnosis_text import SIGMA_NOTE, diagnosis_text, headline
@@ -199,3 +199,9 @@ def test_residuals_beyond_all_measure_are_still_described() -> None:
     after[0, 5:9] = np.inf, -np.inf, np.nan, 1e200
     broken = replace(tracing, diagnosis=replace(tracing.diagnosis, fitted=(replace(item, after=after),)))
     assert not any("nan" in line for line in warnings_of(broken))
+
+
+def test_a_simulation_that_runs_away_is_tenfold_and_more() -> None:
+    candidate = proven_tracing().diagnosis.candidates[0]
+    shown = [candidate_row(replace(candidate, held_out_change=share))[4] for share in (None, -0.293, 0.05, 8.99, 9.0, 1e54)]
+    assert shown == ["-", "-29.3 %", "+5.0 %", "+899.0 %", "over +900 %", "over +900 %"]
