@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record import INCREMENT, RecordProblem, changed_rows, cross_intervals, join_intervals, sample_outputs, stacked
+from ident.crossing import changed_rows, cross_intervals, sample_outputs, stacked
+from ident.whole_record import INCREMENT, RecordProblem, join_intervals
 from sim.grid import Drive, drive_from_record
 
 
