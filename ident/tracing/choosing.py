@@ -47,7 +47,7 @@ class Stood:
 
 
 def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | None:
-    """The best of those that stand, with those as good; None where a guard, or what does not replicate, does better than all of them."""
+    """The best of those that stand, with those that would do as well; None where none stands or a guard forbids it."""
     standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
     if not standing:
         return None

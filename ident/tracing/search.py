@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ident.fit_layout import FitSettings
 from ident.process_noise import is_forced
 from ident.tracing.diagnosis import Step
 from ident.tracing.expansion import expand, with_random_motion
@@ -87,10 +86,9 @@ def hopeless(search: Search, node: Node) -> bool:
     shortest = min(range(len(search.records)), key=lambda r: len(search.records[r]))
     records, masks = [search.records[shortest]], [search.masks[shortest]]
     start = Values(values.shared, (values.own[shortest],), (values.states[shortest],))
-    settings = FitSettings(max_step=2.0 * search.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
     for effect in search.candidates:
         if isinstance(effect, NoiseEffect):
-            moved = fit_set(records, search.model, (*node.effects, effect), search.outputs, settings, masks, 0.0, start)
+            moved = fit_set(records, search.model, (*node.effects, effect), search.outputs, search.roughly, masks, 0.0, start)
             if moved is not None and is_white(moved, GROSSLY):
                 return False
     return True

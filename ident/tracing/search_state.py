@@ -52,15 +52,18 @@ class Search:
 
     def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
         """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
-        step = self.settings.max_step
-        # Twice the step moves no output of an aircraft by a hundredth of its noise, and halves the work.
-        settings = FitSettings(max_step=2.0 * step, iterations=14, tolerance=0.03, enough=0.2) if rough else FitSettings(max_step=step)
+        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
         values, levels = (None, None) if start is None else (start.values, levels_of(start))
         node = fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
         if node is not None:
             work = (node.fit.iterations + 2) * len(node.fit.theta) / UNIT * self._length
             self.spent += work * FORCED if is_forced(node.system) else work
         return node
+
+    @property
+    def roughly(self) -> FitSettings:
+        """How a set is fitted that is only compared: twice the step moves no output of an aircraft by a hundredth of its noise."""
+        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
 
     @property
     def _length(self) -> float:
