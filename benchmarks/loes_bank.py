@@ -24,8 +24,8 @@ from scenarios.loes_filter import PAPER_START, loes_filter_system
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import three_two_one_one
+from sim.declaration.system import System
 from sim.record import Record
-from sim.system import System
 from sim.vehicles.factory import model_from_constants
 
 

@@ -34,8 +34,8 @@ from scenarios.watching.session import take
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import three_two_one_one
+from sim.declaration.system import System
 from sim.record import Channel, Record
-from sim.system import System
 from sim.vehicles.factory import model_from_constants
 
 RATE = 40.0  # Hz

@@ -14,10 +14,10 @@ from ident.bank_data import BankHistory, BankPass, BankRuns
 from ident.bank_pass import run_pass
 from ident.ekf import SETTLED, FilterSettings
 from ident.setup import FilterProblem, filter_problem
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.grid import drive_from_record
+from sim.propagation.grid import drive_from_record
 from sim.record import Record
-from sim.system import System
 
 
 @dataclass(frozen=True, eq=False)

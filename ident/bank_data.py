@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ident.setup import FilterProblem
-from sim.grid import Drive
+from sim.propagation.grid import Drive
 
 
 @dataclass(frozen=True, eq=False)

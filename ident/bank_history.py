@@ -11,9 +11,9 @@ from ident.bank_steps import values_and_jacobians
 from ident.ekf import FilterSettings, filter_record
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.setup import FilterProblem, with_free
-from sim.maths import COMPLEX_STEP
+from sim.declaration.system import System
+from sim.maths.elementary import COMPLEX_STEP
 from sim.record import Record
-from sim.system import System
 
 
 def filter_alone(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:

@@ -10,7 +10,7 @@ import numpy as np
 from ident.bank_data import BankRuns, BankTrace, March, Stretch
 from ident.ekf import FilterSettings
 from ident.setup import FilterProblem, with_free
-from sim.maths import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP
 
 
 def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March:

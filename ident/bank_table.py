@@ -20,9 +20,9 @@ from ident.bilinear import Bilinear, bilinear
 from ident.ekf import FilterSettings
 from ident.setup import FilterProblem, with_free
 from ident.transition import Taylor
-from sim.grid import Drive
-from sim.integrate import rk4_step
-from sim.system import System
+from sim.declaration.system import System
+from sim.propagation.grid import Drive
+from sim.propagation.integrate import rk4_step
 
 _SERIES = Taylor(3)  # the fundamental matrix that is made here
 _NO_TIME: Any = object()  # equations that ask what time it is fail on it

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.maths import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIALS, _AGREEMENT = 12, 1e-10

@@ -19,9 +19,9 @@ from ident.bank_history import filter_alone
 from ident.ekf import FilterSettings
 from ident.estimate import Estimate, Outcome
 from ident.iterated_bank import run_iterated_bank
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
-from sim.system import System
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
 _PARABOLA = 4.5  # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola

@@ -16,9 +16,9 @@ import numpy as np
 
 from ident.bank import run_bank
 from ident.ekf import FilterSettings
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
-from sim.system import System
 
 DENSITIES = (0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 DELAYS = tuple(0.0125 * i for i in range(17))  # s, finer than the bank's: a wrong delay would pass for process noise

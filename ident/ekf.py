@@ -19,10 +19,10 @@ from ident.estimate import Estimate, Outcome
 from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.transition import Taylor, Transition, log_gaussian
-from sim.integrate import Step, rk4_step
-from sim.maths import complex_step_jacobian, jacobian_in_one_call
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian, jacobian_in_one_call
+from sim.propagation.integrate import Step, rk4_step
 from sim.record import Record
-from sim.system import System
 
 SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
 _FEW = 6  # states and parameters below which column by column is the cheaper Jacobian

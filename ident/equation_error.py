@@ -23,11 +23,11 @@ from ident.estimate import Estimate, Outcome
 from ident.information import conditional_scale, inverse_information
 from ident.keeping import LARGEST
 from ident.regression_data import StateData, state_data
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.grid import drive_from_record, make_grid
-from sim.maths import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP
+from sim.propagation.grid import drive_from_record, make_grid
 from sim.record import Record
-from sim.system import System
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from ident.residuals import ljung_box
 from ident.restricted import restricted_levels
 from ident.weighing import WHITE
 from ident.whitener import whitener
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
-from sim.system import System
 
 METHOD = "filter-error"
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])

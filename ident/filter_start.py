@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from sim.declaration.parameters import ParameterSet
 from sim.errors import ModelError
-from sim.parameters import ParameterSet
 
 QUARTER = 0.25
 

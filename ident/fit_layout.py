@@ -11,10 +11,10 @@ import numpy as np
 from ident.known_states import known_states
 from ident.weighing import WHITE, Weighing
 from ident.whole_record import RecordProblem, guess_states, record_problem
+from sim.declaration.parameters import Parameter
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.parameters import Parameter
 from sim.record import Record
-from sim.system import System
 
 ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.declaration.system import System
 from sim.errors import ModelError, RecordError
-from sim.maths import complex_step_jacobian
+from sim.maths.elementary import complex_step_jacobian
 from sim.record import Hold, Record
-from sim.system import System
 
 LOW, HIGH = 0.35, 14.0  # rad/s, where short period, lag and delay show
 _DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi

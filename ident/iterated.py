@@ -16,8 +16,8 @@ from ident.ekf import SETTLED, FilterSettings, filter_record
 from ident.estimate import Estimate, Outcome
 from ident.setup import filter_problem
 from ident.smoother import smooth
+from sim.declaration.system import System
 from sim.record import Record
-from sim.system import System
 
 
 def run_iterated_ekf(record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15) -> Estimate:

@@ -14,8 +14,8 @@ from ident.bank import BankEstimate, bank_estimate, bank_runs
 from ident.bank_data import BankTrace, empty_trace
 from ident.bank_pass import run_pass
 from ident.ekf import SETTLED, FilterSettings
+from sim.declaration.system import System
 from sim.record import Record
-from sim.system import System
 
 ITERATIONS = 15
 

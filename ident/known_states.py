@@ -6,8 +6,8 @@ import numpy as np
 
 from ident.local_polynomial import windows
 from ident.regression_data import rate_relations
+from sim.declaration.system import System
 from sim.record import Record
-from sim.system import System
 
 SPAN = 60  # a slope is taken over two sixtieths of the record
 

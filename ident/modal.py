@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.estimate import Estimate
-from sim.maths import complex_step_jacobian
-from sim.system import System
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
 
 
 def slowest_oscillation(system: System, p: np.ndarray) -> tuple[float, float] | None:

@@ -19,8 +19,8 @@ from ident.bank_pass import sound_so_far, worth
 from ident.bank_table import Legs, Tables, along, tables_of
 from ident.delay_bank import DELAYS
 from ident.setup import prior_std
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.system import System
 
 LONGEST_SPIKE = 3  # samples in a row of one channel; what lasts longer is the motion
 
@@ -182,7 +182,7 @@ class _Way(NamedTuple):
 
 
 def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which the filters stop after ``time[0]``, as in ``sim.grid.make_grid``, and the row whose input holds from each on."""
+    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.grid.make_grid``, and the row whose input holds from each on."""
     gaps = np.diff(time)
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
     if pieces.max() == 1:

@@ -16,9 +16,9 @@ from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitLayout, FitSettings, lay_out
 from ident.information import inverse_information
 from ident.keeping import LARGEST
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
-from sim.system import System
 
 METHOD = "output-error"
 __all__ = ["FitSettings", "fit_output_error"]

@@ -17,7 +17,7 @@ from ident.random_motion import Variation, motion_slopes, random_motion, slope_p
 from ident.weighing import Weighed
 from ident.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
 from ident.whole_record import INCREMENT, Linearisation, RecordProblem
-from sim.system import System
+from sim.declaration.system import System
 
 SCALE = "process_noise_scale"
 _FACTOR = 4.0  # by which one step changes a noise level at most

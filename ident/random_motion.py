@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record import RecordProblem
-from sim.maths import COMPLEX_STEP
-from sim.system import System
+from sim.declaration.system import System
+from sim.maths.elementary import COMPLEX_STEP
 
 _SLOPE = 1e-5  # of a parameter's size, for central differences
 _TERMS = 14  # of a Taylor series, to rounding

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.local_polynomial import Windows, half_width_by_cross_validation, smoothed, windows
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.maths import complex_step_jacobian
+from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
-from sim.system import System
 
 SLOPE_FACTOR = 2  # a slope is noisier than a value: its window is this much wider
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.declaration.system import System
 from sim.errors import ModelError
-from sim.grid import Drive, Grid, drive_from_record, make_grid
+from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid
 from sim.record import Record
-from sim.system import System
 
 
 @dataclass(frozen=True, eq=False)

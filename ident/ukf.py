@@ -21,9 +21,9 @@ from ident.estimate import Estimate, Outcome
 from ident.keeping import HistoryKeeper, breakdown, quiet_numerics
 from ident.setup import FilterProblem, filter_problem, with_free
 from ident.transition import log_gaussian
-from sim.maths import complex_step_jacobian
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
-from sim.system import System
 
 ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
 SMALLEST = 1e-16  # share of the largest eigenvalue that is rounding

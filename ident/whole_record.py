@@ -19,11 +19,11 @@ import numpy as np
 
 from ident.crossing import changed_rows, cross_intervals, sample_outputs, stacked
 from ident.known_states import known_states
-from sim.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
-from sim.integrate import Step, rk4_step
-from sim.maths import COMPLEX_STEP
+from sim.declaration.system import System
+from sim.maths.elementary import COMPLEX_STEP
+from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
+from sim.propagation.integrate import Step, rk4_step
 from sim.record import Record
-from sim.system import System
 
 INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
 

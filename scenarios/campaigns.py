@@ -13,9 +13,9 @@ from scenarios.declaration import Estimation, Scenario
 from scenarios.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
 from scenarios.flying import fly_scenario, measured_again
 from scenarios.run import assumed_noise, references
+from sim.declaration.system import System
 from sim.record import Record
-from sim.system import System
-from sim.truth import Truth, remeasure
+from sim.truth.flight import Truth, remeasure
 
 CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
 

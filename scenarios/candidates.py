@@ -9,9 +9,9 @@ from pathlib import Path
 from types import ModuleType
 
 from scenarios.preparation.ports import SPEED
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
 from sim.errors import DeclarationError, FlightidError
-from sim.model import Model
 
 # Of the low-order equivalent system they are part of the model itself.
 _OWN_OF_LOES = ("input-delay", "actuator-lag")
@@ -21,8 +21,8 @@ _TRACED = ("onset", "per_record", "plausible", "probes")
 
 def candidates_for(model: Model, own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
     """The library's effects that can act on a model, are not in it and tell a search where to look, then the user's ``own``."""
+    from sim.declaration.proposal import Traceable
     from sim.effects.library import effects_for
-    from sim.tracing import Traceable
 
     taken = {effect.name for effect in model.effects} | ({*_OWN_OF_LOES} if model.equations.name == "loes" else set())
     if any(signal.name == SPEED for signal in model.equations.inputs):

@@ -12,7 +12,7 @@ from ident.estimate import Estimate
 from ident.residuals import ResidualTest
 from scenarios.declaration import Start
 from scenarios.run import MethodResult, Row, Study
-from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
+from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
 PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")

@@ -18,9 +18,9 @@ from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.holding_out import split_off
 from scenarios.kinematic_witness import KinematicWitness
 from scenarios.preparation.plan import Plan
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError, RecordError
-from sim.model import Model, Noise
 from sim.record import Record
 
 if TYPE_CHECKING:

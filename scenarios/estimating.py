@@ -17,11 +17,11 @@ from ident.estimate import Estimate, Outcome
 from ident.transition import Exponential, Taylor
 from scenarios.declaration import Estimation, Start
 from scenarios.flying import STEPS
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System, compile_model
 from sim.errors import DeclarationError
-from sim.model import Model, Noise
-from sim.parameters import ParameterSet
 from sim.record import Record
-from sim.system import System, compile_model
 from sim.vehicles.factory import (
     BALLISTIC_CONSTANTS,
     BALLISTIC_DERIVATIVES,

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from scenarios.declaration import Flight, ManeuverPlan, Scenario
+from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.excitation import Sweep, schroeder_multisine
-from sim.integrate import euler_step, rk4_step
-from sim.maneuvers import Maneuver, Sum, doublet, pulse, step, three_two_one_one
-from sim.model import Model, Noise
+from sim.maneuvers.multisine import Sweep, schroeder_multisine
+from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
-from sim.truth import Distance, Truth, fly, remeasure, sample_times
+from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import ballistic_model, flexible_model, rigid_model
 from sim.vehicles.library import read_parameter_set
 

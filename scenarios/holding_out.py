@@ -9,8 +9,8 @@ import numpy as np
 
 from scenarios.preparation.plausibility import moves, why_unpredictable
 from scenarios.preparation.ports import PORTS
+from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.model import Model
 from sim.record import Record
 
 SHARE = 0.3  # of the excitation

@@ -16,11 +16,11 @@ from ident.residuals import ResidualTest, residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.run import Row
 from scenarios.vehicle_models import model_of_file
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import compile_model
 from sim.errors import DeclarationError, RecordError
-from sim.model import Model, Noise
-from sim.parameters import ParameterSet
 from sim.record import Record
-from sim.system import compile_model
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")

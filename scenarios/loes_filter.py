@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.filter_start import proportional_priors
+from sim.declaration.model import Model, Noise
+from sim.declaration.system import System, compile_model
 from sim.errors import RecordError
-from sim.model import Model, Noise
 from sim.record import Channel, Record
-from sim.system import System, compile_model
 from sim.vehicles.factory import loes_filter_model
 
 # Initial variances of the paper's Tables 1 and 2 for what starts near zero, as deviations. L_q starts at one but is known

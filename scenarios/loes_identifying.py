@@ -22,9 +22,9 @@ from scenarios.identifying import Identification
 from scenarios.loes_filter import SIMULATION_SHARE, loes_filter_system
 from scenarios.run import Row
 from sim.closed_loop.reader import load_x29
+from sim.declaration.system import System
 from sim.errors import RecordError
 from sim.record import Channel, Record
-from sim.system import System
 from sim.vehicles.factory import model_from_constants
 
 DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})  # (rad/s2)^2 s, what the rule finds on the simulation's record

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from scenarios.estimating import Result
-from sim.model import Model
-from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
+from sim.declaration.model import Model
+from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 from sim.vehicles.linear import linearise
 
 LITTLE_LEARNT = 0.5  # of the prior's standard deviation: above it the record has said less than the start did

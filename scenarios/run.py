@@ -16,10 +16,10 @@ from scenarios.notes import prior_note, residual_note
 from scenarios.published import published_values
 from sim.errors import ModelError
 from sim.record import Record
-from sim.truth import Truth
-from sim.vehicles.flexibility import Flexibility, flexibility
+from sim.truth.flight import Truth
+from sim.vehicles.flexibility.degree import Flexibility, flexibility
+from sim.vehicles.flexibility.partial_condensation import condense_above
 from sim.vehicles.library import read_parameter_set
-from sim.vehicles.partial_condensation import condense_above
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scenarios.comparing import comparison
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
 from scenarios.run import MethodResult, Study
-from sim.truth import Truth
+from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
 

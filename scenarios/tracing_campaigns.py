@@ -18,12 +18,12 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosing import diagnose_files
 from scenarios.files.writing import write_record
-from sim.effect import full_name
+from sim.declaration.effect import full_name
+from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
-from sim.maneuvers import Maneuver, Sum, doublet, three_two_one_one
-from sim.model import Model, Noise
+from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Channel, Record
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import RIGID_CONSTANTS, model_from_constants
 
 DURATION = 20.0  # s

@@ -20,12 +20,12 @@ from scenarios.diagnosing import diagnose_files
 from scenarios.files.writing import write_record
 from scenarios.tracing.hiding import OWN, find_term
 from scenarios.tracing_campaigns import NOISE, TWINS, USUAL, drawn_aircraft
-from sim.effect import full_name
-from sim.excitation import schroeder_multisine
-from sim.maneuvers import Maneuver, MultiStep, Sum, alternating, doublet, three_two_one_one
-from sim.model import Model, Noise
+from sim.declaration.effect import full_name
+from sim.declaration.model import Model, Noise
+from sim.maneuvers.multisine import schroeder_multisine
+from sim.maneuvers.steps import Maneuver, MultiStep, Sum, alternating, doublet, three_two_one_one
 from sim.record import Channel, Record
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import RIGID_CONSTANTS
 
 Draw = Callable[[np.random.Generator, float, float], Mapping[str, float]]

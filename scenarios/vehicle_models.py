@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from scenarios.files.vehicles import VehicleFile
-from sim.model import Model
-from sim.parameters import ParameterSet
+from sim.declaration.model import Model
+from sim.declaration.parameters import ParameterSet
 from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.

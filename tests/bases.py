@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import Step, rk4_step, simulate
-from sim.model import Model, Noise
-from sim.parameters import Parameter, ParameterSet
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.system import System, compile_model
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import Step, rk4_step, simulate
 from sim.record import Hold
-from sim.system import System, compile_model
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.factory import model_from_constants
 from sim.vehicles.short_period import ShortPeriod

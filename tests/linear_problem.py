@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.effect import Signal
-from sim.model import Model, Noise
-from sim.parameters import Parameter, ParameterSet
+from sim.declaration.effect import Signal
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.record import Channel, Hold, Record
 from tests.oracles.kalman import Linear
 

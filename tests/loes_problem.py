@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from scenarios.loes_filter import loes_filter_system
+from sim.declaration.system import System, compile_model
 from sim.record import Channel, Record
-from sim.system import System, compile_model
 from sim.vehicles.factory import model_from_constants
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, Flight, fly, loes_model, three_two_one_one
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.model import Model
+from sim.declaration.model import Model
 from sim.record import Channel, Hold, Record
 from sim.vehicles.factory import model_from_constants
 from tests.oracles.falling_speed import CONSTANTS, TRUE, FallingSpeed

@@ -12,7 +12,7 @@ from scenarios.declaration import Estimation, Scenario
 from scenarios.estimating import compiled, declared_model, filter_settings, vehicle_constants
 from scenarios.flying import fly_scenario
 from scenarios.run import assumed_noise, references
-from sim.truth import remeasure
+from sim.truth.flight import remeasure
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim.model import Model
-from sim.parameters import Parameter, ParameterSet
+from sim.declaration.model import Model
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.system import compile_model
 from sim.record import Channel, Record
-from sim.system import compile_model
 from tests.bases import RIGID_VALUES, Flight, ballistic_flight, ballistic_model, fly, rigid_flight, rigid_model
 
 FREE = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")

@@ -11,8 +11,8 @@ from ident.tracing.cleaning import measured_masks
 from ident.tracing.node import Node
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
-from sim.effect import Effect
-from sim.model import Model
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
 from sim.record import Channel, Record
 from tests.bases import Flight, rigid_flight, rigid_model
 from tests.rigid_problem import noisy

@@ -6,9 +6,9 @@ flightid diagnose RECORD --model ballistic --vehicle V.toml --effects docs/recor
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sim.effect import Regularity, Station
-from sim.parameters import Parameter
-from sim.tracing import Probe
+from sim.declaration.effect import Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Probe
 
 
 @dataclass(frozen=True)

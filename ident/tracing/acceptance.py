@@ -21,7 +21,7 @@ from ident.tracing.diagnosis import Candidate, ErrorFigures
 from ident.tracing.node import Node, Values, belongs_to_record, carried, compiled_with, fit_as_declared, fit_set, free_names, levels_of
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import screen
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 from sim.record import Record
 
 LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below

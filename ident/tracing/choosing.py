@@ -14,7 +14,7 @@ from ident.tracing.reduction import Reduction, reduction
 from ident.tracing.replication import Replication, own_quantities
 from ident.tracing.screening import Finding, collinear
 from ident.tracing.witness import Witness, silent
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 
 SURE = 2.0  # of its scatter
 SMALL = 0.04  # of ln(error): no one would prefer one cause to another by less

@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.node import Node, is_event
 from ident.tracing.outliers import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
 from ident.tracing.search_state import Search
-from sim.effect import full_name
+from sim.declaration.effect import full_name
 from sim.record import Channel, Record
 
 NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off

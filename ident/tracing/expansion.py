@@ -15,7 +15,7 @@ from ident.tracing.occasion import occasion_at
 from ident.tracing.scoring import is_white
 from ident.tracing.screening import Finding, collinear, screen
 from ident.tracing.search_state import Search
-from sim.effect import Effect, NoiseEffect, full_name
+from sim.declaration.effect import Effect, NoiseEffect, full_name
 
 COLLINEAR = 0.9
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s

@@ -8,7 +8,7 @@ from ident.output_error import estimate_of
 from ident.process_noise import is_forced
 from ident.tracing.node import Node
 from ident.tracing.search_state import Search
-from sim.tracing import Refinable
+from sim.declaration.proposal import Refinable
 
 
 def form_spread(search: Search, node: Node) -> dict[str, float]:

@@ -22,9 +22,9 @@ from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
 from ident.tracing.witness import Witness, silent
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
 from sim.errors import ModelError
-from sim.model import Model
 from sim.record import Record
 
 

@@ -11,10 +11,10 @@ from ident.filter_error import fit_with_process_noise, noise_levels
 from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitLayout, FitSettings, Prior, lay_out
 from ident.process_noise import is_forced
-from sim.effect import Effect, full_name
-from sim.model import Model
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Model
+from sim.declaration.system import System, compile_model
 from sim.record import Record
-from sim.system import System, compile_model
 
 GUARD = "guard:"  # names of terms that compete like effects and can never be claimed
 STRUCTURAL = "elastic-mode:"  # names of the modes that a declared flexible model has

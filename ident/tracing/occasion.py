@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.node import Node
+from sim.declaration.proposal import Occasion
 from sim.record import Record
-from sim.tracing import Occasion
 
 
 def occasion_at(node: Node, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> Occasion:

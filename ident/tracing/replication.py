@@ -14,8 +14,8 @@ from ident.tracing.expansion import quantities_with
 from ident.tracing.node import Node, Values, fit_set
 from ident.tracing.settings import TraceSettings
 from ident.tracing.witness import Witness, silent
-from sim.effect import Effect, full_name
-from sim.model import Model
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Model
 from sim.record import Record
 
 AGREE = 3.0  # corrected sigmas that two records may differ by

@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.crossing import changed_rows, cross_intervals, sample_outputs, stacked
 from ident.whole_record import INCREMENT, RecordProblem, join_intervals
-from sim.grid import Drive, drive_from_record
+from sim.propagation.grid import Drive, drive_from_record
 
 
 def alternative_outputs(

@@ -14,9 +14,9 @@ import numpy as np
 from ident.tracing.node import Node, belongs_to_record, compiled_with
 from ident.tracing.responses import alternative_outputs
 from ident.whole_record import record_problem
-from sim.effect import Effect, full_name
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.proposal import Occasion, Probe, fitted_to
 from sim.errors import ModelError
-from sim.tracing import Occasion, Probe, fitted_to
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough

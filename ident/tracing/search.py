@@ -14,8 +14,8 @@ from ident.tracing.expansion import expand, with_random_motion
 from ident.tracing.node import Node, Values, fit_set, guards_among
 from ident.tracing.scoring import is_coloured_throughout, is_white
 from ident.tracing.search_state import Search
-from sim.effect import NoiseEffect
-from sim.tracing import Refinable
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Refinable
 
 GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
 DOMINANT = 3.0  # times what the best single cause brings: random motion that brings so much is no stand-in for a cause

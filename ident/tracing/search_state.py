@@ -14,8 +14,8 @@ from ident.tracing.node import Node, fit_set, levels_of
 from ident.tracing.scoring import few_samples, unevenness
 from ident.tracing.settings import TraceSettings
 from ident.tracing.witness import Witness, silent
-from sim.effect import Effect
-from sim.model import Model
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
 from sim.record import Record
 
 FORCED = 4.0  # a fit with process noise costs as much as so many without

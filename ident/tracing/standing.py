@@ -24,8 +24,8 @@ from ident.tracing.pairs import likely_pairs
 from ident.tracing.reduction import Reduction, reduction
 from ident.tracing.replication import Flight, Replication, own_quantities, replicate, stands_off
 from ident.tracing.screening import Finding, screen
-from sim.effect import Effect, NoiseEffect
-from sim.tracing import fitted_to
+from sim.declaration.effect import Effect, NoiseEffect
+from sim.declaration.proposal import fitted_to
 
 WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
 WORSE = 0.05  # growth of ln(error) of one channel that is borne, or half of what is gained in the mean, beside twice its scatter

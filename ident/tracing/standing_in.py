@@ -13,8 +13,8 @@ from ident.tracing.node import Node, guards_among
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import screen
 from ident.tracing.search_state import Search
-from sim.effect import Effect, NoiseEffect
-from sim.tracing import Refinable
+from sim.declaration.effect import Effect, NoiseEffect
+from sim.declaration.proposal import Refinable
 
 LOOKS_ALIKE = 0.5  # projected gain over what the effect itself brought, below which nothing is worth a fit
 

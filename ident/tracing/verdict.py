@@ -18,9 +18,9 @@ from ident.tracing.search import refined
 from ident.tracing.search_state import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.standing_in import stand_ins
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.proposal import Refinable
 from sim.record import Record
-from sim.tracing import Refinable
 
 TIE = 12.0  # difference of scores below which a guard does not stand against the library
 AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out together, below which two names are equal

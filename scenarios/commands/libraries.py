@@ -7,7 +7,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sim.effect import Effect
+    from sim.declaration.effect import Effect
 
 COLUMNS = 80  # of a terminal, which a list fits
 
@@ -31,8 +31,8 @@ def show_scenario(name: str) -> None:
 
 def show_effects(name: str | None) -> None:
     """All effects by station, or one in full."""
+    from sim.declaration.proposal import Refinable
     from sim.effects.library import effect_names, find_effect
-    from sim.tracing import Refinable
 
     if name is None:
         names = effect_names()

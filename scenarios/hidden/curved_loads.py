@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Regularity, Signal, Station
-from sim.parameters import Parameter
+from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
 
 
 @dataclass(frozen=True)

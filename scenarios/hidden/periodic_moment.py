@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Regularity, Signal, Station
-from sim.maths import cos
-from sim.parameters import Parameter
+from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.maths.elementary import cos
 
 
 @dataclass(frozen=True)

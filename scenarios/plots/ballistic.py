@@ -30,7 +30,7 @@ from scenarios.plots.style import (
     y_label,
 )
 from sim.record import Record
-from sim.truth import Truth
+from sim.truth.flight import Truth
 
 
 def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], truth: Truth | None = None, title: str = "") -> Figure:

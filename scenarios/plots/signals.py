@@ -13,7 +13,7 @@ from ident.estimate import Estimate
 from scenarios.plots.display import axis_label, display_unit, plain
 from scenarios.plots.style import BLUE, MEASURED, SKY, TICK_SIZE, TRUE, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
 from sim.record import Channel, Hold, Record
-from sim.truth import Truth
+from sim.truth.flight import Truth
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from scenarios.preparation.ports import DENSITY, LIFT, SPEED
-from sim.effect import Signal
+from sim.declaration.effect import Signal
+from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.model import Model
 from sim.record import Channel, Hold, Record
 
 G0 = 9.80665  # m/s2

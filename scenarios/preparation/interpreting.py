@@ -10,9 +10,9 @@ import numpy as np
 from ident.colour import effective_share
 from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitSettings, lay_out
-from sim.model import Model
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.record import Hold, Record
-from sim.system import compile_model
 
 BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance
 AGAINST = 2.0  # the same of one record, beyond which it contradicts

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from scenarios.preparation.ports import PORTS
+from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.model import Model
 from sim.record import Channel, Record
 
 SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion

@@ -17,7 +17,7 @@ from scenarios.preparation.interpreting import BETTER, better_by, linear_by, wit
 from scenarios.preparation.load_factor import with_load_factor
 from scenarios.preparation.plan import WHOLE, Plan, Segment
 from scenarios.preparing import about_trim, trim_sentence
-from sim.model import Model
+from sim.declaration.model import Model
 from sim.record import Hold, Record
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read

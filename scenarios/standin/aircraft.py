@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim.effect import Signal
-from sim.maths import cos
+from sim.declaration.effect import Signal
+from sim.maths.elementary import cos
 from sim.vehicles.short_period import ShortPeriod
 
 BASE = ShortPeriod()

@@ -14,7 +14,7 @@ from scenarios.standin.fitting import declared_model, misfit
 from scenarios.standin.flying import fly_drawn
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
-from sim.splines import shape_names
+from sim.maths.splines import shape_names
 
 LEAST = 0.3  # share of the error: below it nothing dominates
 SIZED_ON = 2  # records

@@ -14,11 +14,11 @@ from scenarios.standin.aircraft import LongitudinalFlight
 from scenarios.standin.declaration import MEASURED, OPTIONAL, Causes, StandIn
 from scenarios.standin.maneuvers import Table, maneuver
 from scenarios.tracing_campaigns import AIRCRAFT, USUAL
-from sim.effect import Effect, full_name
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
-from sim.model import Model, Noise
-from sim.parameters import Parameter, ParameterSet
 from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, model_from_constants
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import linearise

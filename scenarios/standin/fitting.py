@@ -11,11 +11,11 @@ from ident.fit import Fit, fit_whole_records
 from ident.fit_layout import FitSettings, lay_out
 from ident.output_error import estimate_of
 from scenarios.standin.declaration import MEASURED
-from sim.effect import Effect, full_name
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.errors import ModelError
-from sim.model import Model
 from sim.record import Record
-from sim.system import compile_model
 
 
 def declared_model(declared: Model, starts: Mapping[str, float], effects: Sequence[tuple[Effect, Mapping[str, float]]] = ()) -> Model:

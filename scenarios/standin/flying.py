@@ -11,15 +11,15 @@ import numpy as np
 from scenarios.hidden.anti_alias_filter import AntiAliasFilter
 from scenarios.standin.drawing import ELEVATOR, Dominant, Drawn, with_term
 from scenarios.standin.maneuvers import CELL, Table
-from sim.effect import NoiseEffect
-from sim.grid import make_grid
-from sim.maneuvers import Maneuver
-from sim.measurement import Measurement
-from sim.model import Model
-from sim.noise import dryden_gust, white_noise
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.model import Model
+from sim.maneuvers.steps import Maneuver
+from sim.propagation.grid import make_grid
 from sim.record import Channel, Hold, Record
-from sim.side_by_side import fly_side_by_side
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
+from sim.truth.many_flights import fly_side_by_side
+from sim.truth.measurement import Measurement
+from sim.truth.noise import dryden_gust, white_noise
 
 SPEED = "speed-variation"
 SCATTERED = ("mass", "pitch_inertia", "airspeed", "air_density", "trim_alpha")

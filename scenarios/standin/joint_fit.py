@@ -15,9 +15,9 @@ import numpy as np
 from ident.fit import evaluate
 from ident.fit_layout import FitLayout, FitSettings, lay_out
 from ident.information import conditional_scale
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
-from sim.system import System
 
 PASSES = 20  # simulations of all records
 REWEIGHED = 30  # times the noise variances follow the step

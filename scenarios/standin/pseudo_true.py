@@ -14,10 +14,10 @@ from scenarios.standin.drawing import Drawn
 from scenarios.standin.fitting import declared_model
 from scenarios.standin.flying import fly_draws
 from scenarios.standin.joint_fit import Point, fit_together
-from sim.effect import Effect, Regularity
+from sim.declaration.effect import Effect, Regularity
+from sim.declaration.system import compile_model
 from sim.effects.library import find_effect
 from sim.errors import ModelError
-from sim.system import compile_model
 
 SPEED = ("airspeed", "dynamic_pressure")
 FEW = 2  # draws that a fit to many begins with

@@ -13,9 +13,9 @@ from scenarios.flying import maneuvers_by_input
 from scenarios.tracing.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.tracing.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
 from sim.errors import DeclarationError
-from sim.maneuvers import Sum
+from sim.maneuvers.steps import Sum
 from sim.record import Record
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import BALLISTIC_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
 
 FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}

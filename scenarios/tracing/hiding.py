@@ -9,9 +9,9 @@ from dataclasses import replace
 
 from scenarios.tracing.declaration import HiddenTerm, TraceFlight
 from sim.closed_loop.airframe import X29
-from sim.effect import Effect, full_name
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Equations, Model, Noise
 from sim.errors import DeclarationError
-from sim.model import Equations, Model, Noise
 
 OWN = "own:"
 CLOSED_LOOP = "x29-"

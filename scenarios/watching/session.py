@@ -19,9 +19,9 @@ from ident.online_bank import BankState, OnlineBank, Rows, advance, bank_estimat
 from scenarios.files.vehicles import VehicleFile
 from scenarios.loes_identifying import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS
+from sim.declaration.system import System
 from sim.errors import RecordError
 from sim.record import Channel, Record
-from sim.system import System
 
 BEGINNING = 2.0  # s that are collected before the filter starts
 FEWEST = 40  # rows of it

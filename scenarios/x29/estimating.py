@@ -17,10 +17,10 @@ from ident.smoother import smooth
 from scenarios.loes_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import simulate
+from sim.declaration.system import System
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import simulate
 from sim.record import Record
-from sim.system import System
 
 SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled
 ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants

@@ -13,11 +13,11 @@ from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import SmoothStick, doublet, hand_flown, three_two_one_one
+from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers import MultiStep
-from sim.model import Model, Noise
+from sim.maneuvers.steps import MultiStep
 from sim.record import Channel, Record
-from sim.truth import fly
+from sim.truth.flight import fly
 from sim.vehicles.factory import model_from_constants
 
 NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches

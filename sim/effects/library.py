@@ -11,9 +11,9 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-from sim.effect import Effect, Station
+from sim.declaration.effect import Effect, Station
+from sim.declaration.model import Equations
 from sim.errors import ModelError
-from sim.model import Equations
 
 
 def effect_modules() -> tuple[ModuleType, ...]:

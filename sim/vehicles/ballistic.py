@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim.effect import Signal
-from sim.maths import absolute, exp
+from sim.declaration.effect import Signal
+from sim.maths.elementary import absolute, exp
 
 
 @dataclass(frozen=True)

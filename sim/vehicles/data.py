@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import DeclarationError
-from sim.parameters import Parameter, ParameterSet
 
 
 class Origin(Enum):

@@ -7,11 +7,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
+from sim.declaration.model import Equations, Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
-from sim.model import Equations, Model, Noise
-from sim.parameters import Parameter, ParameterSet
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.data import Number, Origin, VehicleData
 from sim.vehicles.loes import Loes

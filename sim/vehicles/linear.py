@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.maths import complex_step_jacobian
-from sim.model import Model
-from sim.system import compile_model
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
+from sim.maths.elementary import complex_step_jacobian
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim.effect import Signal
-from sim.maths import plus, times
+from sim.declaration.effect import Signal
+from sim.maths.elementary import plus, times
 
 
 @dataclass(frozen=True)

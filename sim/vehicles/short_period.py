@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim.effect import Signal
-from sim.maths import plus
+from sim.declaration.effect import Signal
+from sim.maths.elementary import plus
 
 G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 

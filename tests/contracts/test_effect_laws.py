@@ -12,18 +12,29 @@ import numpy as np
 import pytest
 
 import sim.effects.input_path
-from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, Regularity, SensorEffect, Station, full_name
+from sim.declaration.effect import (
+    DynamicsEffect,
+    Effect,
+    InputEffect,
+    NoiseEffect,
+    OnlineForm,
+    ReadingEffect,
+    Regularity,
+    SensorEffect,
+    Station,
+    full_name,
+)
+from sim.declaration.model import Model
+from sim.declaration.proposal import Occasion, Traceable
+from sim.declaration.system import System, compile_model
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
 from sim.errors import ModelError
-from sim.forced import propagate_forced
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import outputs_at_samples, rk4_step
-from sim.maths import COMPLEX_STEP
-from sim.model import Model
+from sim.maths.elementary import COMPLEX_STEP
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import outputs_at_samples, rk4_step
 from sim.record import Hold
-from sim.system import System, compile_model
-from sim.tracing import Occasion, Traceable
+from sim.truth.random_forcing import propagate_forced
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effect import Effect, NoiseEffect, Regularity, full_name
+from sim.declaration.effect import Effect, NoiseEffect, Regularity, full_name
+from sim.declaration.proposal import Fitted, Occasion, Refinable, Traceable, fitted_to
+from sim.declaration.system import compile_model
 from sim.effects.library import effects_for, guards_for, library
-from sim.system import compile_model
-from sim.tracing import Fitted, Occasion, Refinable, Traceable, fitted_to
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod

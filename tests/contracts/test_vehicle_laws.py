@@ -10,8 +10,8 @@ import numpy as np
 import pint
 import pytest
 
-from sim.maths import complex_step_jacobian
-from sim.system import compile_model
+from sim.declaration.system import compile_model
+from sim.maths.elementary import complex_step_jacobian
 from sim.vehicles.data import Origin, VehicleData
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set, vehicle_names

@@ -15,9 +15,9 @@ import pytest
 from scenarios.cli import _each_validated, main
 from scenarios.files.writing import write_record
 from scenarios.vehicle_models import model_of_file
-from sim.maneuvers import three_two_one_one
-from sim.model import Noise
-from sim.truth import fly, sample_times
+from sim.declaration.model import Noise
+from sim.maneuvers.steps import three_two_one_one
+from sim.truth.flight import fly, sample_times
 from tests.diagnoses import NOISE, RIGID, written_inputs
 
 ROOT = Path(__file__).parents[2]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import clip, cos, once_for_alike
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.maths.elementary import clip, cos, once_for_alike
 
 DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
 

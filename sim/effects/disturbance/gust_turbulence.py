@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
 
 ROOT3 = math.sqrt(3.0)
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.events import WIDTH, edge_width, risen
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.effects.onset import WIDTH, edge_width, risen
 
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.events import SLOW_WIDTH, edge_width, risen
-from sim.maths import log
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.effects.onset import SLOW_WIDTH, edge_width, risen
+from sim.maths.elementary import log
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
 from sim.errors import ModelError
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
 
 DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
 SPACING = 1.09  # of the frequencies tried: a mode of that damping still answers between two

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.parameters import Parameter
-from sim.splines import combine, natural_shapes, shape_names
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.maths.splines import combine, natural_shapes, shape_names
 
 
 @dataclass(frozen=True)
 class LiftNonlinearity:
     """lift += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0.
 
-    f = sum of ``shape1`` ... times orthonormal shapes (`sim.splines`): each is the root mean square that its shape adds over
+    f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths.splines`): each is the root mean square that its shape adds over
     the range, in CL on the rigid aircraft, in 1/s of alpha_dot on the low-order equivalent system. alpha in rad, the gust included;
     outside the range f goes on straight. The slope at zero stays with the declared derivative.
 

@@ -11,9 +11,9 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
 from sim.errors import ModelError
-from sim.parameters import Parameter
 
 _OWN = 10  # parameters of a mode before its couplings to modes
 

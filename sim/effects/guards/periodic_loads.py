@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import cos, once_for_alike
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.maths.elementary import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
 FASTEST = 60.0  # rad/s

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import each_column, linear_recurrence, real, where
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, late_times
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.maths.elementary import each_column, linear_recurrence, real, where
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Station
-from sim.maths import absolute, each_column, maximum
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, shares_of_peak
+from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.maths.elementary import absolute, each_column, maximum
 
 UNLIMITED = 1e9
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Station
-from sim.maths import each_column, maximum, minimum
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, shares_of_peak
+from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.maths.elementary import each_column, maximum, minimum
 
 
 @dataclass(frozen=True)

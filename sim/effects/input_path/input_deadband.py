@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import clip, each_column
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, shares_of_peak
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.maths.elementary import clip, each_column
 
 
 @dataclass(frozen=True)

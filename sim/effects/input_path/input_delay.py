@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Station
-from sim.maths import each_column
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, late_times
+from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.maths.elementary import each_column
 
 
 @dataclass(frozen=True)

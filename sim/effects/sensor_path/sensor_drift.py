@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.effect import Effect, Regularity, Station
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Signal, Station
-from sim.maths import linear_recurrence, real, trailing, where
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe, late_times
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.maths.elementary import linear_recurrence, real, trailing, where
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
 

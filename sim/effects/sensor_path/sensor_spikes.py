@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.effect import Effect, Regularity, Station
-from sim.maths import maximum, minimum, real, trailing
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
+from sim.maths.elementary import maximum, minimum, real, trailing
 
 EXPLANATION = (
     "A few samples are simply wrong: y_recorded = y + size at isolated moments, y elsewhere. Lost bits, telemetry dropouts and connectors that "

@@ -15,8 +15,8 @@ from scenarios.diagnosis_candidates import candidate_rows
 from scenarios.diagnosis_text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
 from scenarios.effect_wording import SENTENCES, Wording, group_sentence, parameter_text, sentence, value_text
 from scenarios.separating import separating_maneuver
+from sim.declaration.proposal import Traceable
 from sim.effects.library import library
-from sim.tracing import Traceable
 from tests.diagnoses import LOES, tracing_of
 
 TRACEABLE = [effect for effect in library() if isinstance(effect, Traceable)]

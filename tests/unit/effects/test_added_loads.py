@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
@@ -20,7 +20,7 @@ from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.dynamics.lift_nonlinearity import LiftNonlinearity
 from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
 from sim.effects.library import find_effect, guards_for
-from sim.splines import combine, natural_shapes
+from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.proposal import Occasion
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.dynamics.drag_jump import DragJump
 from sim.effects.dynamics.drag_mach import DragMach
 from sim.effects.library import find_effect, guards_for
-from sim.splines import combine
-from sim.tracing import Occasion
+from sim.maths.splines import combine
 from sim.vehicles.ballistic import Ballistic
 from tests.bases import BALLISTIC_VALUES, ballistic_flight, ballistic_model, fly_model
 

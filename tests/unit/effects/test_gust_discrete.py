@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.declaration.system import compile_model
 from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.system import compile_model
 from tests.bases import RIGID_VALUES, rigid_model
 
 P = SimpleNamespace(peak=4.0, start=2.0, duration=1.5)

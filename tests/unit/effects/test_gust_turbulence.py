@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
+from sim.declaration.system import System, compile_model
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
-from sim.maths import complex_step_jacobian
-from sim.system import System, compile_model
-from sim.truth import fly, sample_times
+from sim.maths.elementary import complex_step_jacobian
+from sim.truth.flight import fly, sample_times
 from tests.bases import RIGID_VALUES, loes_model, rigid_model
 
 V = RIGID_VALUES["airspeed"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.input_path.input_deadband import InputDeadband
-from sim.maths import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP
 
 numbers = st.floats(-1e3, 1e3)
 sizes = st.floats(0.0, 1e3)

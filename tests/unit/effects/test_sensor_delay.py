@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.effects.sensor_path.sensor_delay import APERTURE, SensorDelay
-from sim.maths import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP
 
 DELAY = SensorDelay("nz")
 seeds = st.integers(0, 1000)

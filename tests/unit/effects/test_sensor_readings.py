@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim.declaration.proposal import Occasion
+from sim.declaration.system import compile_model
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_spikes import SensorSpikes
 from sim.effects.sensor_path.vane_offset import VaneOffset
-from sim.system import compile_model
-from sim.tracing import Occasion
 from tests.bases import LOES_CONSTANTS, ballistic_flight, ballistic_model, fly, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 
 DRIFT = SensorDrift("alpha", "rad", 5e-4, begin=1.5)

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.effect import full_name
+from sim.declaration.effect import full_name
+from sim.declaration.model import Model
+from sim.declaration.system import System, compile_model
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError
-from sim.maths import complex_step_jacobian
-from sim.model import Model
-from sim.system import System, compile_model
+from sim.maths.elementary import complex_step_jacobian
 from tests.bases import fly_model, rigid_flight, rigid_model
 from tests.oracles.flexible_aircraft import FOOT, SPEED, flexible_aircraft, parameters_in_si, respond
 

@@ -13,12 +13,12 @@ from ident.bank import BankEstimate, run_bank
 from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Outcome
 from ident.transition import Exponential, Taylor
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
-from sim.integrate import euler_step
-from sim.model import Model
+from sim.propagation.integrate import euler_step
 from sim.record import Channel, Hold, Record
-from sim.system import compile_model
 from tests.bases import rigid_flight, rigid_model
 from tests.linear_problem import oscillator, record_of
 from tests.rigid_problem import FREE, TRUE, noisy, rigid_record, rigid_start

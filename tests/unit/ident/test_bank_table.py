@@ -14,11 +14,11 @@ from ident.bank_table import march_of_table
 from ident.ekf import FilterSettings
 from ident.setup import FilterProblem
 from ident.transition import Exponential, Taylor
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.effects.dynamics.derivative_jump import DerivativeJump
-from sim.integrate import euler_step
-from sim.model import Model
+from sim.propagation.integrate import euler_step
 from sim.record import Hold, Record
-from sim.system import compile_model
 from tests import loes_problem as problem
 from tests.linear_problem import oscillator, record_of
 from tests.rigid_problem import rigid_record, rigid_start

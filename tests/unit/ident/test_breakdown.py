@@ -16,9 +16,9 @@ from ident.keeping import breakdown
 from ident.smoother import smooth
 from ident.transition import Exponential
 from ident.ukf import run_ukf
-from sim.integrate import euler_step
+from sim.declaration.system import compile_model
+from sim.propagation.integrate import euler_step
 from sim.record import Channel, Record
-from sim.system import compile_model
 from tests.rigid_problem import ballistic_record, ballistic_start, rigid_record, rigid_start
 
 Filter = Callable[..., Estimate]

@@ -7,8 +7,8 @@ import pytest
 
 from ident.colour import autocovariance, corrected_covariance
 from ident.output_error import FitSettings, fit_output_error
+from sim.declaration.system import compile_model
 from sim.record import Channel, Record
-from sim.system import compile_model
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.rigid_problem import FREE
 

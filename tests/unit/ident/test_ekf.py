@@ -11,13 +11,13 @@ import pytest
 from ident.ekf import SETTLED, FilterSettings, run_ekf
 from ident.estimate import Outcome
 from ident.transition import Exponential, Taylor, Transition
+from sim.declaration.model import Noise
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.system import compile_model
 from sim.errors import ModelError
-from sim.grid import make_grid
-from sim.integrate import Step, euler_step, rk4_step
-from sim.model import Noise
-from sim.parameters import Parameter, ParameterSet
+from sim.propagation.grid import make_grid
+from sim.propagation.integrate import Step, euler_step, rk4_step
 from sim.record import Hold, Record
-from sim.system import compile_model
 from tests.linear_problem import matched_record, matrices, oscillator, record_of
 from tests.oracles.kalman import Filtered, kalman
 

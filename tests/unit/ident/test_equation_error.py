@@ -14,12 +14,12 @@ from ident.estimate import Outcome
 from ident.local_polynomial import half_width_by_cross_validation, smoothed, windows
 from ident.output_error import fit_output_error
 from ident.regression_data import rate_relations
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import compile_model
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.parameters import ParameterSet
 from sim.record import Channel, Record
-from sim.system import compile_model
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_flight, rigid_model
 from tests.linear_problem import oscillator, record_of
 from tests.rigid_problem import FREE, TRUE, UNSTABLE, ballistic_record, noisy, rigid_record

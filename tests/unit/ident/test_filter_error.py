@@ -21,8 +21,8 @@ from ident.fit import fit_whole_records
 from ident.fit_layout import FitSettings, lay_out, reweighed
 from ident.output_error import fit_output_error
 from ident.process_noise import SCALE, process_noise
+from sim.declaration.system import compile_model
 from sim.errors import ModelError
-from sim.system import compile_model
 from tests.linear_problem import matched_record, oscillator
 from tests.turbulence import DERIVATIVES, NOISE, TRUE, calm_model, rough_model, rough_record
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ident.filter_start import proportional_priors
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
-from sim.parameters import Parameter, ParameterSet
 
 SET = ParameterSet((Parameter("a", -8.0), Parameter("b", 0.0), Parameter("c", 2.0, free=False)))
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.frequency_response import estimate_response, fit_response, model_response
+from sim.declaration.system import compile_model
 from sim.errors import ModelError, RecordError
 from sim.record import Channel, Hold, Record
-from sim.system import compile_model
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, fly, loes_flight, loes_model
 
 FREE = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau", "delay")

@@ -12,11 +12,11 @@ from ident.estimate import Outcome
 from ident.iterated import run_iterated_ekf
 from ident.output_error import FitSettings, fit_output_error
 from ident.transition import Exponential
-from sim.model import Model, Noise
-from sim.parameters import Parameter, ParameterSet
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.system import compile_model
 from sim.record import Record
-from sim.system import compile_model
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import ballistic_model
 from sim.vehicles.library import read_parameter_set
 

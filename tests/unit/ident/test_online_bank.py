@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from ident.bank import BankEstimate, run_bank
 from ident.delay_bank import DELAYS
 from ident.online_bank import LONGEST_SPIKE, BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
+from sim.declaration.system import System, compile_model
 from sim.errors import ModelError
 from sim.record import Channel, Record
-from sim.system import System, compile_model
 from tests import loes_problem as problem
 from tests.bases import rigid_model
 

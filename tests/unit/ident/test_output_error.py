@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from ident.estimate import Estimate, Outcome
 from ident.output_error import FitSettings, fit_output_error
 from ident.whole_record import guess_states, linearise, record_problem
+from sim.declaration.model import Model
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System, compile_model
 from sim.errors import ModelError
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import simulate
-from sim.model import Model
-from sim.parameters import ParameterSet
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import simulate
 from sim.record import Channel, Record
-from sim.system import System, compile_model
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_flight, rigid_model
 from tests.rigid_problem import FREE, TRUE, UNSTABLE, ballistic_record, noisy, rigid_record
 

@@ -12,10 +12,10 @@ from ident.estimate import Outcome
 from ident.smoother import smooth
 from ident.transition import Exponential, Taylor, Transition
 from ident.ukf import run_ukf, slopes, square_root
-from sim.grid import make_grid
-from sim.integrate import Step, euler_step, rk4_step
-from sim.parameters import Parameter, ParameterSet
-from sim.system import compile_model
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.system import compile_model
+from sim.propagation.grid import make_grid
+from sim.propagation.integrate import Step, euler_step, rk4_step
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import kalman, rts
 from tests.rigid_problem import TRUE, ballistic_record, ballistic_start, rigid_record, rigid_start

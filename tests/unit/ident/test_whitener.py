@@ -14,8 +14,8 @@ from ident.process_noise import process_noise
 from ident.random_motion import Variation, discretised, random_motion
 from ident.whitener import Whitener, filtered, whitener
 from ident.whole_record import RecordProblem, record_problem
+from sim.declaration.system import compile_model
 from sim.record import Channel, Record
-from sim.system import compile_model
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import exponential
 from tests.oracles.kalman import process_noise as noise_integral

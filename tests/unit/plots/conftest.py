@@ -10,14 +10,14 @@ import pytest
 from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Estimate, FilterHistory
 from ident.transition import Taylor
-from sim.integrate import euler_step
-from sim.maneuvers import three_two_one_one
-from sim.measurement import Measurement
-from sim.model import Model
-from sim.parameters import ParameterSet
+from sim.declaration.model import Model
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import compile_model
+from sim.maneuvers.steps import three_two_one_one
+from sim.propagation.integrate import euler_step
 from sim.record import Record
-from sim.system import compile_model
-from sim.truth import Truth, fly, sample_times
+from sim.truth.flight import Truth, fly, sample_times
+from sim.truth.measurement import Measurement
 from tests.bases import ballistic_model, rigid_model
 
 

@@ -11,10 +11,10 @@ from ident.output_error import fit_output_error
 from scenarios.candidates import candidates_for
 from scenarios.holding_out import hold_out
 from scenarios.preparation.airspeed import able, flow_doubts, flow_sentence, measured_flow, with_flow
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.errors import RecordError
-from sim.model import Model
 from sim.record import Channel, Hold, Record
-from sim.system import compile_model
 from sim.vehicles.factory import model_from_constants
 from tests.oracles.falling_speed import CONSTANTS, TRUE, fly_falling
 from tests.preparing import OUTPUTS, declared, record_of

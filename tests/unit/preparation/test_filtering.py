@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from ident.output_error import fit_output_error
 from scenarios.preparation.filtering import ORDER, filtered
 from scenarios.preparation.plan import Plan
+from sim.declaration.system import compile_model
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
-from sim.system import compile_model
 from tests.oracles.falling_speed import TRUE, fly_falling
 from tests.preparing import declared, record_of
 

@@ -11,8 +11,8 @@ from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.tracing.hiding import find_term
 from scenarios.tracing_campaigns import drawn_aircraft
 from scenarios.tracing_examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
+from sim.declaration.model import Model
 from sim.effects.library import effect_names
-from sim.model import Model
 from tests.diagnoses import tracing_of
 
 

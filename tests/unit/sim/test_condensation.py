@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.errors import ModelError
-from sim.maneuvers import three_two_one_one
-from sim.vehicles.condensation import condense
+from sim.maneuvers.steps import three_two_one_one
 from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, rigid_model
-from sim.vehicles.flexibility import Flexibility, flexibility, quasi_static_error
+from sim.vehicles.flexibility.degree import Flexibility, flexibility, quasi_static_error
+from sim.vehicles.flexibility.static_condensation import condense
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import frequency_response, held_response, linearise
 

@@ -11,12 +11,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effect import Effect, InputEffect, Regularity, Station
+from sim.declaration.effect import Effect, InputEffect, Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.system import System, compile_model
 from sim.effects.input_path.input_delay import InputDelay
-from sim.grid import CELL, cell_edges, drive_from_cells, drive_from_means, drive_from_record, make_grid
-from sim.parameters import Parameter
+from sim.propagation.grid import CELL, cell_edges, drive_from_cells, drive_from_means, drive_from_record, make_grid
 from sim.record import Hold
-from sim.system import System, compile_model
 from tests.bases import rigid_model
 
 gaps = st.lists(st.sampled_from([0.02, 0.02, 0.02, 0.005, 0.033, 0.4, 3.0]), min_size=1, max_size=40)

@@ -10,13 +10,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from sim.declaration.system import System, compile_model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import Step, euler_step, propagate, rk4_step
-from sim.maths import COMPLEX_STEP, complex_step_jacobian, cos
+from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian, cos
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import Step, euler_step, propagate, rk4_step
 from sim.record import Hold
-from sim.system import System, compile_model
 from tests.bases import Flight, ballistic_flight, ballistic_model, fly, rigid_flight, rigid_model
 
 RIGID = compile_model(rigid_model())

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from sim.errors import ModelError
-from sim.excitation import Multisine, Spacing, Sweep, orthogonal_multisines, schroeder_multisine
-from sim.maneuvers import Delayed, Maneuver, MultiStep, Sum, doublet, pulse, sequence, step, three_two_one_one
+from sim.maneuvers.multisine import Multisine, Spacing, Sweep, orthogonal_multisines, schroeder_multisine
+from sim.maneuvers.steps import Delayed, Maneuver, MultiStep, Sum, doublet, pulse, sequence, step, three_two_one_one
 from sim.record import Hold
 
 SMOOTH: dict[str, Maneuver] = {

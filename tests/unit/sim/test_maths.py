@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.maths import (
+from sim.maths.elementary import (
     COMPLEX_STEP,
     absolute,
     clip,

@@ -6,12 +6,12 @@ import math
 
 import pytest
 
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.model import Model, Noise
-from sim.parameters import ParameterSet
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import rigid_model
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from sim.splines import Shapes, combine, natural_shapes, shape_names
+from sim.maths.splines import Shapes, combine, natural_shapes, shape_names
 
 RANGES = [(-0.1, 0.1), (-0.02, 0.13), (0.01, 0.2), (-0.3, 0.0), (0.4, 3.1)]
 FORMS = [(fine, flat) for fine in (False, True) for flat in (False, True)]

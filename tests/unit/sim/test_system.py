@@ -12,7 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
+from sim.declaration.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter
+from sim.declaration.system import System, compile_model
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.actuator_lag import ActuatorLag
@@ -23,13 +26,10 @@ from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import simulate
-from sim.maths import complex_step_jacobian
-from sim.model import Model, Noise
-from sim.parameters import Parameter
+from sim.maths.elementary import complex_step_jacobian
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import simulate
 from sim.record import Hold
-from sim.system import System, compile_model
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_model
 
 

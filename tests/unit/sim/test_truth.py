@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from sim.declaration.model import Model, Noise
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
-from sim.excitation import Sweep
-from sim.integrate import euler_step, rk4_step
-from sim.maneuvers import Delayed, pulse, step, three_two_one_one
-from sim.measurement import Measurement
-from sim.model import Model, Noise
+from sim.maneuvers.multisine import Sweep
+from sim.maneuvers.steps import Delayed, pulse, step, three_two_one_one
+from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Hold
-from sim.truth import Distance, fly, remeasure, sample_times
+from sim.truth.flight import Distance, fly, remeasure, sample_times
+from sim.truth.measurement import Measurement
 from sim.vehicles.factory import ballistic_model, rigid_model
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import linearise

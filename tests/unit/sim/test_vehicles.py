@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.declaration.system import compile_model
 from sim.errors import DeclarationError, FlightidError
-from sim.maths import complex_step_jacobian
-from sim.system import compile_model
+from sim.maths.elementary import complex_step_jacobian
 from sim.vehicles.data import Number, Origin, difference
 from sim.vehicles.factory import (
     RIGID_CONSTANTS,

@@ -14,14 +14,14 @@ from scenarios.standin.fitting import declared_model, estimated, fitted
 from scenarios.standin.flying import SPEED, fly_drawn, fly_draws
 from scenarios.standin.joint_fit import fit_together
 from scenarios.standin.pseudo_true import pseudo_true
+from sim.declaration.model import Model
+from sim.declaration.system import compile_model
 from sim.effects.library import find_effect
 from sim.errors import ModelError
-from sim.maneuvers import doublet
-from sim.model import Model
+from sim.maneuvers.steps import doublet
 from sim.record import Record
-from sim.side_by_side import fly_side_by_side
-from sim.system import compile_model
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
+from sim.truth.many_flights import fly_side_by_side
 from tests.standins import ALL_CHANNELS, CALM, EVERY, short
 
 HIDDEN = {

@@ -17,11 +17,11 @@ from scenarios.standin.fitting import declared_model, left_over, misfit
 from scenarios.standin.flight import fly_standin, write_flight
 from scenarios.standin.flying import fly_drawn
 from scenarios.standin.schema import standin_of
-from sim.effect import Station
+from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError
 from sim.record import Hold, Record
-from sim.truth import fly, sample_times
+from sim.truth.flight import fly, sample_times
 from tests.standins import ALL_CHANNELS, CALM, EVERY, short
 
 NAMES = scenario_names("standin")

@@ -12,7 +12,7 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale

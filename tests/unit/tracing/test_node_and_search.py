@@ -17,15 +17,15 @@ from ident.tracing.node import Node, carried, compiled_with, free_names
 from ident.tracing.search import first_round, grow, hopeless, look_back, refined
 from ident.tracing.search_state import Search
 from ident.tracing.verdict import judge
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect, guards_for
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.noise import coloured_noise
 from sim.record import Record
+from sim.truth.noise import coloured_noise
 from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fitted, planted, search_of, with_output
 

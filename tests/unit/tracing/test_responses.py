@@ -9,12 +9,12 @@ import pytest
 
 from ident.tracing.responses import alternative_outputs
 from ident.whole_record import record_problem
-from sim.effect import Effect, full_name
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.system import System, compile_model
 from sim.effects.library import find_effect
-from sim.grid import drive_from_record, make_grid
-from sim.integrate import propagate, simulate
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import propagate, simulate
 from sim.record import Record
-from sim.system import System, compile_model
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import rigid_model
 from tests.tracing_problem import doublets, planted

@@ -14,15 +14,15 @@ from ident.tracing.node import Node
 from ident.tracing.occasion import occasion_at
 from ident.tracing.screening import Finding, collinear, screen
 from ident.tracing.search_state import Search
-from sim.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Occasion, Probe
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.maths import each_column
-from sim.parameters import Parameter
-from sim.tracing import Occasion, Probe
+from sim.maths.elementary import each_column
 from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import fitted, planted, search_of
 

@@ -24,7 +24,8 @@ from ident.tracing.screening import Finding
 from ident.tracing.settings import TraceSettings
 from ident.tracing.standing import standing_effects, within_reach, without_record
 from scenarios.preparing import about_trim
-from sim.effect import Effect
+from sim.declaration.effect import Effect
+from sim.declaration.proposal import fitted_to
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
@@ -32,9 +33,8 @@ from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.noise import coloured_noise
 from sim.record import Record
-from sim.tracing import fitted_to
+from sim.truth.noise import coloured_noise
 from tests.bases import Flight as Flown
 from tests.bases import rigid_flight
 from tests.tracing_problem import OUTPUTS, declared, fitted, planted, search_of, with_output

@@ -13,16 +13,16 @@ from enum import Enum
 
 import numpy as np
 
+from sim.declaration.model import Model
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System, compile_model
 from sim.errors import ModelError
-from sim.forced import outputs_with_walks, propagate_forced
-from sim.grid import Drive, Grid, cell_edges, drive_from_cells, drive_from_means, make_grid
-from sim.integrate import Step, outputs_at_samples, propagate, rk4_step
-from sim.maneuvers import Maneuver, Sum
-from sim.measurement import Measurement, measure
-from sim.model import Model
-from sim.parameters import ParameterSet
+from sim.maneuvers.steps import Maneuver, Sum
+from sim.propagation.grid import Drive, Grid, cell_edges, drive_from_cells, drive_from_means, make_grid
+from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
 from sim.record import Channel, Record
-from sim.system import System, compile_model
+from sim.truth.measurement import Measurement, measure
+from sim.truth.random_forcing import outputs_with_walks, propagate_forced
 
 
 class Distance(Enum):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
-from sim.effect import Effect
+from sim.declaration.effect import Effect
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})

@@ -1,7 +1,7 @@
 """Maneuvers that are constant between switches, and how maneuvers combine.
 
 A maneuver is a function of time that knows its exact mean over any interval, so a simulation meets
-a switch at its own time and not at the next step. Smooth ones are in ``sim.excitation``.
+a switch at its own time and not at the next step. Smooth ones are in ``sim.maneuvers.multisine``.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol, runtime_checkable
 
-from sim.parameters import Parameter
+from sim.declaration.parameters import Parameter
 
 
 class Station(Enum):

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.grid import Drive, Grid
-from sim.maths import trailing
-from sim.system import System
+from sim.declaration.system import System
+from sim.maths.elementary import trailing
+from sim.propagation.grid import Drive, Grid
 
 Rates = Callable[[Any, Sequence[Any], Sequence[Any], Sequence[Any]], list[Any]]
 Stages = tuple[Sequence[Any], Sequence[Any], Sequence[Any]]

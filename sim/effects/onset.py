@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sim.maths import clip, once_for_alike
+from sim.maths.elementary import clip, once_for_alike
 
 WIDTH = 0.01  # s, one usual sub-step
 SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes

@@ -9,8 +9,8 @@ from types import MappingProxyType
 import numpy as np
 
 from sim.errors import ModelError
-from sim.noise import coloured_noise, white_noise
 from sim.record import Channel
+from sim.truth.noise import coloured_noise, white_noise
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 

@@ -44,11 +44,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.declaration.model import Model
 from sim.errors import ModelError
-from sim.model import Model
-from sim.vehicles.condensation import condense
 from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, rigid_model
+from sim.vehicles.flexibility.static_condensation import condense
 from sim.vehicles.linear import frequency_response, held_response, linearise
 
 LARGEST_MISFIT = 1.0

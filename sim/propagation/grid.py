@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.maths import trailing
+from sim.declaration.system import System
+from sim.maths.elementary import trailing
 from sim.record import Hold
-from sim.system import System
 
 CELL = 0.001
 

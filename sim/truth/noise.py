@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sim.errors import ModelError
-from sim.maths import linear_recurrence
+from sim.maths.elementary import linear_recurrence
 
 
 def white_noise(rng: np.random.Generator, count: int, std: float) -> np.ndarray:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Protocol
 
-from sim.effect import Effect, Signal, full_name
+from sim.declaration.effect import Effect, Signal, full_name
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
-from sim.parameters import Parameter, ParameterSet
 
 
 class Equations(Protocol):

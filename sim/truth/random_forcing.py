@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim.grid import Drive, Grid
-from sim.integrate import Step
-from sim.system import System
+from sim.declaration.system import System
+from sim.propagation.grid import Drive, Grid
+from sim.propagation.integrate import Step
 
 
 def propagate_forced(

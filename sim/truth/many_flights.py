@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from sim.effect import InputEffect
+from sim.declaration.effect import InputEffect
+from sim.declaration.model import Model
+from sim.declaration.system import System, compile_model
 from sim.errors import ModelError
-from sim.grid import Drive, Grid, make_grid
-from sim.integrate import Step, outputs_at_samples, propagate, rk4_step
-from sim.maneuvers import Maneuver, Sum
-from sim.model import Model
-from sim.system import System, compile_model
-from sim.truth import drive_from_maneuvers, refuse_divergence
+from sim.maneuvers.steps import Maneuver, Sum
+from sim.propagation.grid import Drive, Grid, make_grid
+from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
+from sim.truth.flight import drive_from_maneuvers, refuse_divergence
 
 
 def fly_side_by_side(
@@ -28,7 +28,7 @@ def fly_side_by_side(
     method: Step = rk4_step,
     outputs: Sequence[str] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Outputs ``(N, B)`` by name of ``B`` flights, without measurement noise: what `sim.truth.fly` gives one by one, to rounding.
+    """Outputs ``(N, B)`` by name of ``B`` flights, without measurement noise: what `sim.truth.flight.fly` gives one by one, to rounding.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.maths import real
+from sim.maths.elementary import real
 
 COARSE = 5  # intervals of the usual form
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sim.errors import ModelError
-from sim.maneuvers import SWITCH_TOLERANCE
+from sim.maneuvers.steps import SWITCH_TOLERANCE
 from sim.record import Hold
 
 _GAUSS_POINTS = 8

@@ -18,10 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from sim.effect import DynamicsEffect, Effect, InputEffect, NoiseEffect, OnlineForm, ReadingEffect, SensorEffect, Signal, Station, full_name, in_order
+from sim.declaration.effect import (
+    DynamicsEffect,
+    Effect,
+    InputEffect,
+    NoiseEffect,
+    OnlineForm,
+    ReadingEffect,
+    SensorEffect,
+    Signal,
+    Station,
+    full_name,
+    in_order,
+)
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
-from sim.model import Model, Noise
-from sim.parameters import Parameter, ParameterSet
 
 Rows = Sequence[Any]
 
