@@ -17,9 +17,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from ident.bank import bank_runs, run_bank
-from ident.delay_bank import DELAYS
-from ident.ekf import FilterSettings, run_ekf
+from ident.banks.bank import bank_runs, run_bank
+from ident.banks.delays import DELAYS
+from ident.filters.ekf import FilterSettings, run_ekf
 from scenarios.loes_filter import PAPER_START, loes_filter_system
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.bank import run_bank
-from ident.delay_bank import DELAYS
-from ident.online_bank import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
+from ident.banks.bank import run_bank
+from ident.banks.delays import DELAYS
+from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from scenarios.commands.watch import TOGETHER, _pieces, _prepared, _rows_in, _session, _Show, _written
 from scenarios.files.writing import write_record
 from scenarios.loes_filter import PAPER_START, loes_filter_system

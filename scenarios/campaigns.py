@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.bank import BankEstimate, run_bank
-from ident.ekf import SETTLED
+from ident.banks.bank import BankEstimate, run_bank
+from ident.filters.ekf import SETTLED
 from scenarios.declaration import Estimation, Scenario
 from scenarios.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
 from scenarios.flying import fly_scenario, measured_again

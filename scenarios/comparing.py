@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from ident.estimate import Estimate
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from scenarios.declaration import Start
 from scenarios.run import MethodResult, Row, Study
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
 from scenarios.diagnosing import Tracing
 from scenarios.diagnosis_evidence import record_labels, warnings_of

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.leftover import Leftover, left_over
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
+from ident.tracing.residual_structure import Leftover, left_over
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosing import Tracing
 from scenarios.effect_wording import CHANNELS, DEGREES, displayed, value_text, with_sigma

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.ekf import SETTLED, FilterSettings, run_ekf
 from ident.estimate import Estimate, Outcome
-from ident.transition import Exponential, Taylor
+from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
+from ident.filters.transition import Exponential, Taylor
 from scenarios.declaration import Estimation, Start
 from scenarios.flying import STEPS
 from sim.declaration.model import Model, Noise
@@ -98,11 +98,11 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
     if estimation.method in ("ekf", "ukf"):
         estimate = _filtered(estimation, record, model)
     elif estimation.method == "output-error":
-        from ident.output_error import FitSettings, fit_output_error
+        from ident.whole_record.output_error import FitSettings, fit_output_error
 
         estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
     else:
-        from ident.equation_error import run_equation_error
+        from ident.regression.equation_error import run_equation_error
 
         estimate = run_equation_error([record], system)
     return Result(estimation, record, estimate)
@@ -117,7 +117,7 @@ def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
 def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
     """The filter of an estimation, in as many passes as it takes."""
     if estimation.method == "ukf":
-        from ident.ukf import run_ukf as run
+        from ident.filters.ukf import run_ukf as run
     else:
         run = run_ekf
     settings = filter_settings(estimation)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.ekf import FilterSettings
 from ident.estimate import Estimate, Outcome
-from ident.iterated import run_iterated_ekf
-from ident.modal import modal_estimate
-from ident.output_error import FitSettings, fit_output_error
-from ident.residuals import ResidualTest, residual_tests
+from ident.filters.ekf import FilterSettings
+from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.flying_qualities.modal import modal_estimate
+from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.vehicles import VehicleFile
 from scenarios.run import Row
 from scenarios.vehicle_models import model_of_file
@@ -87,12 +87,12 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     settings = FitSettings(FIT_STEP, use_priors=bool(vehicle.modes))
     if method == "equation-error":
-        from ident.equation_error import run_equation_error
+        from ident.regression.equation_error import run_equation_error
 
         system = compile_model(biased, outputs)
         estimate = run_equation_error(records, system)
     elif method == "filter-error":
-        from ident.filter_error import fit_filter_error
+        from ident.process_noise.filter_error import fit_filter_error
 
         system = compile_model(biased, outputs)
         estimate = fit_filter_error(records, compile_model(_forced(biased), outputs), settings)
@@ -105,7 +105,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         if method == "ekf":
             estimate = run_iterated_ekf(record, system)
         else:
-            from ident.ukf import run_ukf
+            from ident.filters.ukf import run_ukf
 
             estimate = run_ukf(record, system, FilterSettings(passes=PASSES))
     rows = tuple(

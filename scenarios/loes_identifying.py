@@ -12,11 +12,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ident.delay_bank import DelayBank, run_delay_bank
+from ident.banks.delays import DelayBank, run_delay_bank
 from ident.estimate import Estimate
-from ident.handling_qualities import qualities
-from ident.noise_envelope import noise_envelope
-from ident.residuals import residual_tests
+from ident.flying_qualities.handling_qualities import qualities
+from ident.statistics.noise_envelope import noise_envelope
+from ident.statistics.residuals import residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identifying import Identification
 from scenarios.loes_filter import SIMULATION_SHARE, loes_filter_system

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Console
 from rich.text import Text
 
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from scenarios.notes import flexibility_sentences
 from scenarios.run import MethodResult, Row, Study
 from scenarios.tables import Column, print_paragraph, print_table

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.modal import modal_estimate
-from ident.residuals import ResidualTest, residual_tests
+from ident.flying_qualities.modal import modal_estimate
+from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.declaration import EMPTY, Estimation, Scenario, Start
 from scenarios.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.flying import fly_scenario, measured_again, true_model

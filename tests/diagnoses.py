@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, FittedRecord, Prediction, Quantity, Step, Verdict
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosing import InputFile, Inputs, Tracing

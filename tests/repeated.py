@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.bank import run_bank
+from ident.banks.bank import run_bank
 from scenarios.declaration import Estimation, Scenario
 from scenarios.estimating import compiled, declared_model, filter_settings, vehicle_constants
 from scenarios.flying import fly_scenario

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.tracing.cleaning import measured_masks
-from ident.tracing.node import Node
-from ident.tracing.search_state import Search
+from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
+from ident.tracing.spikes.masks import measured_masks
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
 from sim.record import Channel, Record

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.colour import corrected_covariance
 from ident.compatibility.fitting import Fit, positions, prior_information, whitened
 from ident.compatibility.instruments import part_of_controls
 from ident.compatibility.inverses import bounded_inverse, covariance_of
 from ident.compatibility.noise import walk_gains
 from ident.compatibility.unknowns import linearised, unknowns_of
+from ident.statistics.coloured_covariance import corrected_covariance
 
 _PASSES = 4
 
@@ -26,7 +26,7 @@ class Sigmas:
 
 
 def smoother_sigmas(found: Fit) -> Sigmas:
-    """Covariance of a fit, corrected for innovations that are not white (``ident.colour``)."""
+    """Covariance of a fit, corrected for innovations that are not white (``ident.statistics.coloured_covariance``)."""
     white, at = whitened(found), positions(found)
     information = np.diag(prior_information(found))
     for (_, jacobian), where in zip(white, at, strict=True):

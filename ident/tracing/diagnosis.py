@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from sim.record import Record
 
 

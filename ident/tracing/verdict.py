@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.filter_error import noise_levels, predictive_log_likelihood
-from ident.process_noise import is_forced
-from ident.residuals import ResidualTest
-from ident.tracing.acceptance import HeldOut, doubted, held_out
+from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
+from ident.process_noise.innovations_model import is_forced
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, free_names, guards_among
 from ident.tracing.diagnosis import Claim, Step, Verdict
-from ident.tracing.expansion import implausible, quantities, same_sensor_twins
-from ident.tracing.node import Node, belongs_to_record, free_names, guards_among
-from ident.tracing.scoring import is_white
-from ident.tracing.search import refined
-from ident.tracing.search_state import Search
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.expansion import implausible, quantities, same_sensor_twins
+from ident.tracing.selection.forward import refined
+from ident.tracing.selection.near_aliases import stand_ins
+from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
-from ident.tracing.standing_in import stand_ins
+from ident.tracing.validation.held_out import HeldOut, doubted, held_out
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import Refinable
 from sim.record import Record

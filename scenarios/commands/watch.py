@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.online_bank import BankState
+from ident.banks.online import BankState
 from scenarios.files.channels import ColumnChoice
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.colour import effective_share
-from ident.fit import Fit, fit_whole_records
-from ident.fit_layout import FitSettings, lay_out
+from ident.statistics.coloured_covariance import effective_share
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.model import Model
 from sim.declaration.system import compile_model
 from sim.record import Hold, Record

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.fit import Fit, fit_whole_records
-from ident.fit_layout import FitSettings, lay_out
-from ident.output_error import estimate_of
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.output_error import estimate_of
 from scenarios.standin.declaration import MEASURED
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model

@@ -9,8 +9,8 @@ from typing import IO
 
 import numpy as np
 
-from ident.delay_bank import likelihood_weights
-from ident.online_bank import OnlineBank
+from ident.banks.delays import likelihood_weights
+from ident.banks.online import OnlineBank
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import Step
 from sim.errors import FlightidError

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.bank import BankEstimate
-from ident.delay_bank import likelihood_weights
+from ident.banks.bank import BankEstimate
+from ident.banks.delays import likelihood_weights
+from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from ident.estimate import Estimate, Outcome
-from ident.online_bank import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from scenarios.files.vehicles import VehicleFile
 from scenarios.loes_identifying import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS

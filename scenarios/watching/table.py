@@ -11,8 +11,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from ident.compare import BEYOND
 from ident.estimate import Estimate
+from ident.statistics.differences import BEYOND
 from scenarios.comparing import DERIVED_UNITS
 from scenarios.printing import number
 from scenarios.watching.reference import Reference

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.handling_qualities import UNITS, Level
+from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.comparing import SCHEMA, versions
 from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
 from scenarios.x29.measures import Misfit

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.bank import BankEstimate, run_bank
-from ident.bank_history import filter_alone
-from ident.delay_bank import DELAYS, DelayBank, likelihood_weights, run_delay_bank
+from ident.banks.bank import BankEstimate, run_bank
+from ident.banks.delays import DELAYS, DelayBank, likelihood_weights, run_delay_bank
+from ident.banks.iterated import run_iterated_bank
+from ident.banks.single_filter import filter_alone
 from ident.estimate import Estimate, Outcome
-from ident.iterated_bank import run_iterated_bank
-from ident.noise_envelope import noise_envelope
-from ident.smoother import smooth
+from ident.filters.smoother import smooth
+from ident.statistics.noise_envelope import noise_envelope
 from scenarios.loes_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.residuals import ljung_box
+from ident.statistics.residuals import ljung_box
 from sim.record import Record
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ident.handling_qualities import Level
+from ident.flying_qualities.handling_qualities import Level
 from scenarios.printing import console, number, test_line
 from scenarios.tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content

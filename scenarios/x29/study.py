@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.compare import Comparison, compare_estimates
-from ident.delay_bank import DelayBank
+from ident.banks.delays import DelayBank
 from ident.estimate import Estimate
-from ident.frequency_response import estimate_response, fit_response
-from ident.handling_qualities import Level, Quality, levels, qualities
-from ident.residuals import ResidualTest, residual_tests
+from ident.flying_qualities.frequency_response import estimate_response, fit_response
+from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
+from ident.statistics.differences import Comparison, compare_estimates
+from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.library import load_document
 from scenarios.x29.declaration import LoopScenario, Variant
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, rough, set_up, started_again

@@ -17,7 +17,7 @@ HEAVY = ("control", "filterpy", "matplotlib", "pandas", "pint", "pydantic", "sci
 # Modules of sim that know a vehicle, an effect or the truth; ident must not see them.
 CONCRETE = ("sim.closed_loop", "sim.data", "sim.effects", "sim.truth.flight", "sim.vehicles")
 # What a module may import at import time after all; with a package comes whatever that package itself brings.
-ALLOWED = {"ident.ekf": ("filterpy.kalman",), "ident.ukf": ("filterpy.kalman",)}
+ALLOWED = {"ident.filters.ekf": ("filterpy.kalman",), "ident.filters.ukf": ("filterpy.kalman",)}
 
 # Each target is imported in a fork of a process that holds numpy alone: as clean as a fresh process, and much faster.
 PROBE = """

@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from ident.bank import run_bank
-from ident.delay_bank import DELAYS
+from ident.banks.bank import run_bank
+from ident.banks.delays import DELAYS
 from scenarios.commands.watch import TOGETHER, _pieces
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ident.compare import compare_estimates
-from ident.delay_bank import DelayBank, run_delay_bank
-from ident.density_choice import choose_density
-from ident.frequency_response import estimate_response, fit_response
-from ident.handling_qualities import qualities
-from ident.noise_envelope import noise_envelope
+from ident.banks.delays import DelayBank, run_delay_bank
+from ident.banks.density_choice import choose_density
+from ident.flying_qualities.frequency_response import estimate_response, fit_response
+from ident.flying_qualities.handling_qualities import qualities
+from ident.statistics.differences import compare_estimates
+from ident.statistics.noise_envelope import noise_envelope
 from scenarios.loes_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.residuals import ResidualTest
+from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
 from scenarios.diagnosis_candidates import candidate_row, weighed_rows
 from scenarios.diagnosis_content import diagnosis_content

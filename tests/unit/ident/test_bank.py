@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.bank import BankEstimate, run_bank
-from ident.ekf import FilterSettings, run_ekf
+from ident.banks.bank import BankEstimate, run_bank
 from ident.estimate import Outcome
-from ident.transition import Exponential, Taylor
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.transition import Exponential, Taylor
 from sim.declaration.model import Model
 from sim.declaration.system import compile_model
 from sim.effects.input_path.input_delay import InputDelay

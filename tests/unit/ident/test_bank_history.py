@@ -7,11 +7,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from ident.bank_history import filter_alone
-from ident.ekf import FilterSettings, filter_record
+from ident.banks.single_filter import filter_alone
 from ident.estimate import FilterHistory, Outcome
-from ident.setup import filter_problem
-from ident.smoother import smooth
+from ident.filters.ekf import FilterSettings, filter_record
+from ident.filters.problem import filter_problem
+from ident.filters.smoother import smooth
 from tests import loes_problem as problem
 
 

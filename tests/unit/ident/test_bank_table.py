@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.bank import bank_runs
-from ident.bank_data import BankTrace, empty_trace
-from ident.bank_steps import march_of_steps
-from ident.bank_table import march_of_table
-from ident.ekf import FilterSettings
-from ident.setup import FilterProblem
-from ident.transition import Exponential, Taylor
+from ident.banks.any_equations import march_of_steps
+from ident.banks.bank import bank_runs
+from ident.banks.bilinear_equations import march_of_table
+from ident.banks.runs import BankTrace, empty_trace
+from ident.filters.ekf import FilterSettings
+from ident.filters.problem import FilterProblem
+from ident.filters.transition import Exponential, Taylor
 from sim.declaration.model import Model
 from sim.declaration.system import compile_model
 from sim.effects.dynamics.derivative_jump import DerivativeJump

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Estimate, Outcome
-from ident.keeping import breakdown
-from ident.smoother import smooth
-from ident.transition import Exponential
-from ident.ukf import run_ukf
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.history import breakdown
+from ident.filters.smoother import smooth
+from ident.filters.transition import Exponential
+from ident.filters.ukf import run_ukf
 from sim.declaration.system import compile_model
 from sim.propagation.integrate import euler_step
 from sim.record import Channel, Record

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.colour import autocovariance, corrected_covariance
-from ident.output_error import FitSettings, fit_output_error
+from ident.statistics.coloured_covariance import autocovariance, corrected_covariance
+from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration.system import compile_model
 from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model

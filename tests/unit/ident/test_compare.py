@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ident.compare import compare_estimates
 from ident.estimate import Estimate, Outcome
+from ident.statistics.differences import compare_estimates
 from sim.errors import ModelError
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.bank import run_bank
-from ident.delay_bank import DELAYS, DelayBank, likelihood_weights, run_delay_bank, vertex
-from ident.ekf import run_ekf
+from ident.banks.bank import run_bank
+from ident.banks.delays import DELAYS, DelayBank, likelihood_weights, run_delay_bank, vertex
+from ident.filters.ekf import run_ekf
 from sim.errors import ModelError
 from tests import loes_problem as problem
 from tests.bases import LOES_VALUES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ident.density_choice import choose_density
+from ident.banks.density_choice import choose_density
 from sim.errors import ModelError
 from tests import loes_problem as problem
 

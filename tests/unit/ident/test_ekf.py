@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.ekf import SETTLED, FilterSettings, run_ekf
 from ident.estimate import Outcome
-from ident.transition import Exponential, Taylor, Transition
+from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
+from ident.filters.transition import Exponential, Taylor, Transition
 from sim.declaration.model import Noise
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import compile_model

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.equation_error import RegressionSettings, run_equation_error
 from ident.estimate import Outcome
-from ident.local_polynomial import half_width_by_cross_validation, smoothed, windows
-from ident.output_error import fit_output_error
-from ident.regression_data import rate_relations
+from ident.regression.equation_error import RegressionSettings, run_equation_error
+from ident.regression.local_polynomial import half_width_by_cross_validation, smoothed, windows
+from ident.regression.state_histories import rate_relations
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import compile_model
 from sim.effects.dynamics.structural_mode import StructuralMode

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
-from ident.filter_error import (
+from ident.process_noise.filter_error import (
     fit_filter_error,
     fit_with_process_noise,
     noise_levels,
@@ -17,10 +17,10 @@ from ident.filter_error import (
     predictive_log_likelihood,
     turbulence_worth_trying,
 )
-from ident.fit import fit_whole_records
-from ident.fit_layout import FitSettings, lay_out, reweighed
-from ident.output_error import fit_output_error
-from ident.process_noise import SCALE, process_noise
+from ident.process_noise.innovations_model import SCALE, process_noise
+from ident.whole_record.gauss_newton import fit_whole_records
+from ident.whole_record.layout import FitSettings, lay_out, reweighed
+from ident.whole_record.output_error import fit_output_error
 from sim.declaration.system import compile_model
 from sim.errors import ModelError
 from tests.linear_problem import matched_record, oscillator

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Outcome
-from ident.iterated import run_iterated_ekf
-from ident.output_error import FitSettings, fit_output_error
-from ident.transition import Exponential
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.filters.transition import Exponential
+from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import compile_model

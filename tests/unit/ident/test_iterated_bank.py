@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.bank import bank_runs
-from ident.bank_data import empty_trace
-from ident.bank_pass import run_pass
-from ident.ekf import FilterSettings, run_ekf
-from ident.iterated import run_iterated_ekf
-from ident.iterated_bank import run_iterated_bank, smoothed
-from ident.smoother import smooth
+from ident.banks.bank import bank_runs
+from ident.banks.iterated import run_iterated_bank, smoothed
+from ident.banks.one_pass import run_pass
+from ident.banks.runs import empty_trace
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.filters.smoother import smooth
 from tests import loes_problem as problem
 
 GRID = np.array([0.1, 0.12])

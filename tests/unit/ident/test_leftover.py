@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.leftover import LEAST, Leftover, left_over
 from ident.tracing.diagnosis import FittedRecord
+from ident.tracing.residual_structure import LEAST, Leftover, left_over
 from sim.record import Channel, Hold, Record
 
 RATE = 40.0

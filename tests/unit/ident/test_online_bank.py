@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.bank import BankEstimate, run_bank
-from ident.delay_bank import DELAYS
-from ident.online_bank import LONGEST_SPIKE, BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
+from ident.banks.bank import BankEstimate, run_bank
+from ident.banks.delays import DELAYS
+from ident.banks.online import LONGEST_SPIKE, BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from sim.declaration.system import System, compile_model
 from sim.errors import ModelError
 from sim.record import Channel, Record

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.estimate import Estimate, Outcome
-from ident.output_error import FitSettings, fit_output_error
-from ident.whole_record import guess_states, linearise, record_problem
+from ident.whole_record.linearise import guess_states, linearise, record_problem
+from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration.model import Model
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System, compile_model

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Outcome
-from ident.smoother import smooth
-from ident.transition import Exponential, Taylor, Transition
-from ident.ukf import run_ukf, slopes, square_root
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.smoother import smooth
+from ident.filters.transition import Exponential, Taylor, Transition
+from ident.filters.ukf import run_ukf, slopes, square_root
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import compile_model
 from sim.propagation.grid import make_grid

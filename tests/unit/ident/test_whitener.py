@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ident.fit import evaluate
-from ident.fit_layout import FitSettings, lay_out
-from ident.process_noise import process_noise
-from ident.random_motion import Variation, discretised, random_motion
-from ident.whitener import Whitener, filtered, whitener
-from ident.whole_record import RecordProblem, record_problem
+from ident.process_noise.discretised import Variation, discretised, random_motion
+from ident.process_noise.innovations_model import process_noise
+from ident.process_noise.whitener import Whitener, filtered, whitener
+from ident.whole_record.gauss_newton import evaluate
+from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.linearise import RecordProblem, record_problem
 from sim.declaration.system import compile_model
 from sim.record import Channel, Record
 from tests.linear_problem import matrices, oscillator, record_of

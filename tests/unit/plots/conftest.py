@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from ident.ekf import FilterSettings, run_ekf
 from ident.estimate import Estimate, FilterHistory
-from ident.transition import Taylor
+from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.transition import Taylor
 from sim.declaration.model import Model
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import compile_model

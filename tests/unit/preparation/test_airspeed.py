@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.output_error import fit_output_error
+from ident.whole_record.output_error import fit_output_error
 from scenarios.candidates import candidates_for
 from scenarios.holding_out import hold_out
 from scenarios.preparation.airspeed import able, flow_doubts, flow_sentence, measured_flow, with_flow

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.output_error import fit_output_error
+from ident.whole_record.output_error import fit_output_error
 from scenarios.preparation.filtering import ORDER, filtered
 from scenarios.preparation.plan import Plan
 from sim.declaration.system import compile_model

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.setup import filter_problem
+from ident.filters.problem import filter_problem
 from scenarios.loes_filter import ENGINEERING_STD, PAPER_START, about_trim, loes_filter_system
 from sim.errors import RecordError
 from sim.record import Channel, Record

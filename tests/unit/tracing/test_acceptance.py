@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.tracing.acceptance import (
+from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.diagnosis import Candidate
+from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.validation.held_out import (
     doubted,
     error_figures,
     held_out,
@@ -19,9 +22,6 @@ from ident.tracing.acceptance import (
     whiteness,
     with_held_out_change,
 )
-from ident.tracing.cleaning import measured_masks
-from ident.tracing.diagnosis import Candidate
-from ident.tracing.node import Node
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.tracing.between import growth
+from ident.tracing.replication.between_records import growth
 
 
 def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None:

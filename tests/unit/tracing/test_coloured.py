@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.colour import effective_share
-from ident.tracing.coloured import innovation_level
+from ident.statistics.coloured_covariance import effective_share
+from ident.tracing.replication.coloured_null import innovation_level
 
 
 def autoregression(coefficients: tuple[float, ...], std: float, n: int = 6000, seed: int = 1) -> np.ndarray:

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.fit_layout import FitSettings, lay_out
-from ident.residuals import ResidualTest
-from ident.tracing.acceptance import HeldOut, held_out
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.candidate_model.fitted_model import Node, carried, compiled_with, free_names
 from ident.tracing.diagnosis import Claim, Verdict
-from ident.tracing.expansion import expand, quantities
-from ident.tracing.node import Node, carried, compiled_with, free_names
-from ident.tracing.search import first_round, grow, hopeless, look_back, refined
-from ident.tracing.search_state import Search
+from ident.tracing.selection.expansion import expand, quantities
+from ident.tracing.selection.forward import first_round, grow, hopeless, look_back, refined
+from ident.tracing.selection.search import Search
+from ident.tracing.validation.held_out import HeldOut, held_out
 from ident.tracing.verdict import judge
+from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.effect import Effect
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from ident.tracing.responses import alternative_outputs
-from ident.whole_record import record_problem
+from ident.tracing.screening.alternative_outputs import alternative_outputs
+from ident.whole_record.linearise import record_problem
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.system import System, compile_model
 from sim.effects.library import find_effect

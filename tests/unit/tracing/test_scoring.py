@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.node import Node
-from ident.tracing.scoring import few_samples, is_coloured_throughout, is_white, unevenness
+from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.selection.criterion import few_samples, is_coloured_throughout, is_white, unevenness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from ident.tracing.node import Node
-from ident.tracing.occasion import occasion_at
-from ident.tracing.screening import Finding, collinear, screen
-from ident.tracing.search_state import Search
+from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Occasion, Probe

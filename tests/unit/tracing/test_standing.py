@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.fit import Fit
-from ident.fit_layout import FitSettings
-from ident.output_error import fit_covariance
-from ident.tracing.acceptance import held_out
-from ident.tracing.choosing import Standing, choose
+from ident.tracing.candidate_model.fitted_model import Node
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.form import form_spread
-from ident.tracing.node import Node
-from ident.tracing.occasion import occasion_at
-from ident.tracing.pairs import joint_fall, likely_pairs
-from ident.tracing.reduction import reduction
-from ident.tracing.replication import Flight, Replication, replicate
-from ident.tracing.screening import Finding
+from ident.tracing.replication.by_record import Flight, Replication, replicate
+from ident.tracing.replication.comparison import Standing, choose
+from ident.tracing.replication.cross_validation import standing_effects, within_reach, without_record
+from ident.tracing.replication.error_reduction import reduction
+from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.pairs import joint_fall, likely_pairs
+from ident.tracing.screening.score_test import Finding
+from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.settings import TraceSettings
-from ident.tracing.standing import standing_effects, within_reach, without_record
+from ident.tracing.validation.held_out import held_out
+from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_covariance
 from scenarios.preparing import about_trim
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import fitted_to

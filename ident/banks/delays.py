@@ -1,0 +1,235 @@
+"""A pure delay found by a bank of filters: one extended Kalman filter for each delay, judged by likelihood.
+
+NASA TM-101722 ran nine filters from 0 to 200 ms and took the most likely one, having considered the likelihood-weighted sum.
+Both are given here as the plain filters find them, in one pass, and a delay between the grid points. That one asks more than
+the plain filter can give: its path from a start that is off leaves a mark on the parameters (delay, lag and short period
+trade against each other), so further banks are linearised about their own smoothed result (`ident.banks.iterated`). They
+close in on the maximum until the log-likelihood falls like a parabola, whose vertex and curvature are delay and sigma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.banks.bank import BankEstimate, run_bank
+from ident.banks.iterated import run_iterated_bank
+from ident.banks.single_filter import filter_alone
+from ident.estimate import Estimate, Outcome
+from ident.filters.ekf import FilterSettings
+from sim.declaration.system import System
+from sim.errors import ModelError
+from sim.record import Record
+
+DELAYS = tuple(0.025 * i for i in range(9))  # s
+_PARABOLA = 4.5  # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
+_FINEST = 1e-4  # s, closer together filters do not stand
+_POINTS, _BANKS = 7, 8
+_REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
+_SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
+WIDENINGS = 4
+FAR = 3.0  # sigmas of its prior that a parameter may end from its start before the two contradict each other
+
+
+@dataclass(frozen=True, eq=False)
+class DelayBank:
+    """What a bank of delays says.
+
+    Attributes
+    ----------
+    delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that broke down.
+    weights : ``(B,)`` likelihoods normalised to a sum of one.
+    bank : the filters of the declared grid.
+    most_likely : the delay of the largest likelihood, s.
+    weighted_mean : the sum of all delays by their weights, s.
+    refined, refined_std : delay between the grid points with its standard deviation, s; the latter is that of white
+        innovations and knows nothing of a model that is wrong.
+    at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
+    estimate : the iterated filter at the refined delay, with its history. Where refinement gave a sigma, the delay is the last
+        name and the covariance holds what its uncertainty adds to the others; else the delay is not among the names. Its message
+        tells of contradicted priors.
+    contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the start, with these sigmas. The start
+        holds them back: they hang on it.
+    """
+
+    delays: np.ndarray
+    log_likelihood: np.ndarray
+    weights: np.ndarray
+    bank: BankEstimate
+    most_likely: float
+    weighted_mean: float
+    refined: float
+    refined_std: float
+    at_edge: bool
+    estimate: Estimate
+    contradicted: tuple[tuple[str, float], ...]
+
+
+def run_delay_bank(
+    record: Record,
+    system: System,
+    delays: Sequence[float] = DELAYS,
+    settings: FilterSettings | None = None,
+    *,
+    name: str = "delay",
+    widenings: int = WIDENINGS,
+) -> DelayBank:
+    """Run a filter for each delay in one batched pass, then refine.
+
+    Parameters
+    ----------
+    record, settings : as for ``run_ekf``.
+    system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not matter.
+    delays : at least three, increasing, s.
+    widenings : at most how often the refined bank goes on with priors made wide enough where the record contradicts them, so that the
+        result hangs on no start that is far off; each such prior's sigma becomes the distance from start to estimate. With 0 the declared
+        priors stand.
+
+    Raises
+    ------
+    ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as for ``run_ekf``.
+    """
+    grid = np.asarray(delays, dtype=float)
+    if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):
+        raise ModelError("fewer than three delays, or not increasing", where="delay bank", remedy="give three or more in order, in s")
+    settings = settings or FilterSettings()
+    bank = run_bank(record, system, settings, held={name: grid})
+    weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
+    between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
+    found = _closing_in(record, system, settings, name, grid, float(grid[best]), between, None)
+    for _ in range(widenings):
+        held_back = contradicted(system, found.parameters)
+        if not held_back:
+            break
+        system = _widened(system, held_back)
+        half = 0.5 * (between[1] - between[0])
+        between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
+        found = _closing_in(record, system, settings, name, grid, found.delay, between, found.about)
+    held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
+    estimate = filter_alone(record, held, settings, None if found.about is None else found.about[:, :, 0])
+    held_back = contradicted(system, estimate.as_dict())
+    if held_back and estimate.outcome is Outcome.CONVERGED:
+        told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
+        estimate = replace(estimate, message=f"but far from the start, in sigmas of its prior: {told}; start again from this result")
+    if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
+        estimate = _with_delay(estimate, name, system.parameters[name].unit, found, len(system.states))
+    mean = float(weights @ grid)
+    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, found.delay, found.std, found.std == 0.0, estimate, held_back)
+
+
+def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the System starts them, with these sigmas."""
+    free = [system.parameters[name] for name in system.parameters.free_names if name in values]
+    far = [(item.name, (values[item.name] - item.value) / item.prior_std) for item in free if item.prior_std > 0]
+    return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
+
+
+def _widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
+    """The System with the prior of each of these as wide as its estimate is far."""
+    return replace(
+        system, parameters=system.parameters.with_prior({name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back})
+    )
+
+
+def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
+    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow; equal where no filter is sound."""
+    top = np.max(log_likelihood, axis=-1, keepdims=True)
+    known = np.isfinite(top)
+    weights = np.exp(np.where(known, log_likelihood - np.where(known, top, 0.0), 0.0))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
+
+
+def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Vertex of the parabola through three points ``(3,)`` and minus its second derivative."""
+    d1, d2 = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    curvature = -2.0 * (d2 - d1) / (x[2] - x[0])
+    if not curvature > 0:
+        return float(x[1]), 0.0
+    return float(0.5 * (x[0] + x[1]) + d1 / curvature), float(curvature)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean ``(n,)`` per second of delay,
+    the smoothed trajectory ``(n, N, 1)`` of the nearest filter and the parameters at its end."""
+
+    delay: float
+    std: float
+    slope: np.ndarray
+    about: np.ndarray | None
+    parameters: Mapping[str, float]
+
+
+def _closing_in(
+    record: Record,
+    system: System,
+    settings: FilterSettings,
+    name: str,
+    grid: np.ndarray,
+    best: float,
+    between: tuple[float, float],
+    about: np.ndarray | None,
+) -> _Found:
+    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved there first.
+
+    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only the bank that is close enough to
+    give the answer is iterated until it has settled: before that the likelihoods of neighbours differ by far more.
+    """
+    low, high = between
+    nowhere = _Found(best, 0.0, np.zeros(0), about, {})
+    for _ in range(_BANKS):
+        fine = np.linspace(low, high, _POINTS)
+        bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
+        if not np.any(bank.sound):
+            return nowhere
+        top = int(np.argmax(bank.log_likelihood))
+        about = trajectories[:, :, top : top + 1]
+        nowhere = _Found(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
+        if top in (0, _POINTS - 1):
+            shift = (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
+            shift = min(shift, grid[-1] - high)
+            if shift == 0.0:
+                return nowhere
+            low, high = low + shift, high + shift
+            continue
+        near = slice(top - 1, top + 2)
+        spacing = fine[1] - fine[0]
+        fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
+        if fall <= _PARABOLA or spacing <= _FINEST:
+            bank, trajectories = run_iterated_bank(
+                record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED
+            )
+            delay, curvature = vertex(fine[near], bank.log_likelihood)
+            if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
+                slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
+                nearest = trajectories[:, :, 1:2]
+                return _Found(delay, curvature**-0.5, slope, nearest, _at_end(system, nearest))
+            if curvature > 0 and np.all(bank.sound):
+                low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
+                continue
+            return nowhere
+        delay, curvature = vertex(fine[near], bank.log_likelihood[near])
+        half = max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
+        low, high = delay - half, delay + half
+    return nowhere
+
+
+def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
+    return dict(zip(system.parameters.free_names, trajectory[len(system.states) :, -1, 0].tolist(), strict=True))
+
+
+def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:
+    """The estimate with the delay as its last parameter, its uncertainty carried over to the others."""
+    n = len(estimate.names)
+    covariance = np.zeros((n + 1, n + 1))
+    covariance[:n, :n] = estimate.covariance
+    whole = np.append(found.slope[n_x:], 1.0) * found.std
+    return replace(
+        estimate,
+        names=(*estimate.names, name),
+        units=(*estimate.units, unit),
+        values=np.append(estimate.values, found.delay),
+        covariance=covariance + np.outer(whole, whole),
+    )

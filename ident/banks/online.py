@@ -1,0 +1,263 @@
+"""The bank of delays one row at a time: a state and new rows in, a state for each row out.
+
+The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, by the same `ident.banks.bilinear_equations`, equal to rounding. What
+differs is where the input at the vehicle comes from: it is the mean of the delayed stick over each interval, from the recent rows
+alone. Rows that wait are filtered together, and what is rare is looked for afterwards: where a sample turns out to be a spike,
+the rows from there on are filtered again without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ident.banks.bank import BankEstimate
+from ident.banks.bilinear_equations import Legs, Tables, along, tables_of
+from ident.banks.delays import DELAYS
+from ident.banks.one_pass import sound_so_far, worth
+from ident.filters.problem import prior_std
+from sim.declaration.system import System
+from sim.errors import ModelError
+
+LONGEST_SPIKE = 3  # samples in a row of one channel; what lasts longer is the motion
+
+
+class Rows(NamedTuple):
+    """Rows as they arrive: ``time (N,)`` s, increasing; ``inputs (n_u, N)`` finite; ``outputs (m, N)`` in the System's order, NaN where missing."""
+
+    time: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+
+
+class BankState(NamedTuple):
+    """The bank after a row; nothing in it is ever changed.
+
+    Attributes
+    ----------
+    mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in ``BankEstimate``.
+    innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was measured.
+    skipped : ``(m,)`` samples of this row that were taken for spikes; streak : ``(m,)`` how many in a row.
+    rows_seen : rows so far.
+    past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    log_likelihood: np.ndarray
+    sound: np.ndarray
+    innovation: np.ndarray
+    skipped: np.ndarray
+    streak: np.ndarray
+    rows_seen: int
+    past_time: np.ndarray
+    past_inputs: np.ndarray
+
+    @property
+    def time(self) -> float:
+        """Of the row, s."""
+        return float(self.past_time[-1])
+
+    @property
+    def best(self) -> int:
+        """The most likely filter."""
+        return int(self.log_likelihood.argmax())
+
+    def std(self, run: int) -> np.ndarray:
+        """Standard deviations of a filter, ``(n,)``."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance[run]), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineBank:
+    """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its equations, and the start.
+
+    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``gate`` is in standard deviations, ``interval`` in s.
+    """
+
+    system: System
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    delays: np.ndarray
+    p: list[Any]
+    tables: Tables
+    start: np.ndarray
+    covariance: np.ndarray
+    gate: float
+    interval: float
+
+    @property
+    def R(self) -> np.ndarray:
+        """Covariance of the measurement noise, ``(m, m)``."""
+        return self.tables.R
+
+
+def online_bank(system: System, interval: float, delays: Sequence[float] = DELAYS, *, name: str = "delay", gate: float = np.inf) -> OnlineBank:
+    """Prepare a bank.
+
+    Parameters
+    ----------
+    system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is held.
+    interval : usual time between rows, s; what is longer is cut into parts of at most one and a half times that. A batch run takes the
+        median of the whole record, and is equal where that leads to the same parts.
+    delays : increasing, s.
+    gate : an innovation beyond so many standard deviations of the most likely filter is a spike, and the sample counts as missing for
+        all filters; after ``LONGEST_SPIKE`` in a row it is believed. The batch pass of the same rows has no gate: it
+        equals this one where those samples are missing.
+
+    Raises
+    ------
+    ModelError : equations that are not bilinear or ask for the time, an input that acts on an output directly, an undeclared noise level or prior.
+    """
+    free_names = system.parameters.free_names
+    if name in free_names:
+        raise ModelError("it is free", where=f"bank, {name}", remedy="hold it")
+    held = system.parameters.values().tolist()
+    density, variance = system.noise(held)
+    for output, value in zip(system.output_names, variance, strict=True):
+        if not (np.isfinite(value) and value > 0):
+            raise ModelError("its measurement noise is not declared", where=f"output {output}", remedy="give its standard deviation")
+    for each in free_names:
+        if system.declared_noise.process_density.get(each, 0.0):
+            raise ModelError("it is a random walk", where=f"on-line bank, {each}", remedy="use run_bank on the whole record")
+    tables = tables_of(system, held, np.array([*density, *[0.0] * len(free_names)]), np.array(variance, dtype=float))
+    if tables is None:
+        raise ModelError("its equations are not sums of a parameter times a state", where="on-line bank", remedy="use run_bank on the whole record")
+    if tables.h.feeds_through:
+        raise ModelError("an input acts on an output directly", where="on-line bank", remedy="use run_bank on the whole record")
+    std = [prior_std(system, each, state=True) for each in system.state_names] + [prior_std(system, each, state=False) for each in free_names]
+    grid = np.atleast_1d(np.asarray(delays, dtype=float))
+    p: list[Any] = list(held)
+    p[system.parameters.index(name)] = grid
+    start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
+    units = tuple(system.parameters[each].unit for each in free_names)
+    return OnlineBank(system, (*system.state_names, *free_names), units, grid, p, tables, start, np.diag(np.square(std)), gate, interval)
+
+
+def begin(bank: OnlineBank, rows: Rows) -> BankState:
+    """The state after the first row, the only one in ``rows``."""
+    B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
+    x = np.repeat(bank.start[:, None], B, axis=1)
+    P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
+    silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
+    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
+    way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
+    return _through(bank, before, way, rows.outputs)[0]
+
+
+def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
+    """The states after each of ``rows``, which follow the state's in time."""
+    if rows.time.size == 0:
+        return []
+    known = state.past_time.size
+    nodes, row = _nodes(bank, np.append(state.time, rows.time))
+    held = np.concatenate([state.past_inputs[:, -1:], rows.inputs], axis=1)
+    time = np.concatenate([state.past_time, nodes])
+    inputs = np.concatenate([state.past_inputs, held[:, row]], axis=1)
+    means = [np.asarray(each).reshape(len(time) - 1, -1) for each in bank.system.input_path(bank.p, list(inputs[:, :-1]), time)]
+    u = np.stack(np.broadcast_arrays(*means), axis=2)[known - 1 :]
+    last = np.flatnonzero(np.diff(row, prepend=0)) + 1
+    steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
+    # The node at which the longest delay ends: older ones are forgotten.
+    at = known + last - 1
+    oldest = np.maximum(np.searchsorted(time, time[at] - bank.delays[-1], side="right") - 1, 0)
+    way = _Way(time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist())
+    return _through(bank, state, way, rows.outputs)
+
+
+class _Way(NamedTuple):
+    """Nodes to go through: all times and inputs, the past's among them; the steps between nodes that lead to each row, their sizes (s)
+    and inputs at the vehicle ``(M, B, n_u)``; and for each row the oldest node that is still needed, and its own."""
+
+    time: np.ndarray
+    inputs: np.ndarray
+    steps: list[range]
+    dt: list[float]
+    u: np.ndarray
+    oldest: list[int]
+    at: list[int]
+
+
+def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.grid.make_grid``, and the row whose input holds from each on."""
+    gaps = np.diff(time)
+    pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
+    if pieces.max() == 1:
+        return time[1:], np.arange(1, len(time))
+    before = np.repeat(np.arange(len(gaps)), pieces)
+    within = np.arange(1, len(before) + 1) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    last = within == pieces[before]
+    return np.where(last, time[before + 1], time[before] + gaps[before] * (within / pieces[before])), np.where(last, before + 1, before)
+
+
+def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray) -> list[BankState]:
+    """The states after the rows of a way with their samples ``(m, K)``, NaN where missing."""
+    z, count = outputs.copy(), outputs.shape[1]
+    states: list[BankState] = []
+    first, length = 0, count
+    spikes: _Judged | None = None
+    with np.errstate(all="ignore"):
+        while first < count:
+            rows = slice(first, min(first + length, count))
+            filtered, found = _filtered(bank, state, way, rows, z[:, rows], spikes)
+            states += filtered
+            first, state = first + len(filtered), filtered[-1] if filtered else state
+            # From a spike on in ever longer parts, so that many spikes do not cost the rest of the rows each time.
+            length = 1 if found is not None else 2 * length
+            if found is not None:
+                z[found.skipped, first] = np.nan
+            spikes = found
+    return states
+
+
+class _Judged(NamedTuple):
+    """What was found of one row's samples before spikes were left out, ``(m,)`` each as in ``BankState``."""
+
+    innovation: np.ndarray
+    skipped: np.ndarray
+    streak: np.ndarray
+
+
+def _filtered(
+    bank: OnlineBank, before: BankState, way: _Way, rows: slice, z: np.ndarray, judged: _Judged | None
+) -> tuple[list[BankState], _Judged | None]:
+    """The states after ``rows`` up to the first with a new spike, and what was found of that one. The first row is not judged again."""
+    valid = ~np.isnan(z)
+    missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
+    done = along(bank.tables, Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing), before.mean, before.covariance)
+    gained, squared = worth(done.innovation, valid)
+    good = sound_so_far(done, squared, before.sound)
+    total = np.where(good, before.log_likelihood + np.cumsum(np.where(good, gained, 0.0), axis=0), -np.inf)
+    likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
+    chosen = done.innovation[np.arange(len(likely)), likely]
+    sizes = np.where(valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan)
+    wild, none = np.abs(sizes) > bank.gate, np.zeros(len(z), dtype=bool)
+    suspicious, streak = bool(wild.any() or before.streak.any()), before.streak
+    states: list[BankState] = []
+    mean, covariance, seen = before.mean, before.covariance, before.rows_seen
+    every = bool(good[-1].all())
+    for k, row in enumerate(range(rows.start, rows.stop)):
+        found = _Judged(sizes[k], none, streak)
+        if k == 0 and judged is not None:
+            found = judged
+        elif suspicious and valid[:, k].any():
+            found = _Judged(sizes[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
+            if found.skipped.any():
+                return states, found
+        streak = found.streak
+        mean = done.mean[k].T if every else np.where(good[k], done.mean[k].T, mean)
+        covariance = done.covariance[k] if every else np.where(good[k][:, None, None], done.covariance[k], covariance)
+        past = slice(way.oldest[row], way.at[row] + 1)
+        states.append(BankState(mean, covariance, total[k], good[k], *found, seen + k + 1, way.time[past], way.inputs[:, past]))
+    return states, None
+
+
+def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
+    """The state in the terms of ``run_bank``; no row's nis is kept."""
+    P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
+    log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
+    B = len(bank.delays)
+    return BankEstimate(bank.names, state.mean, P, log_likelihood, np.zeros((0, B)), state.sound, np.ones(B, dtype=int))

@@ -1,0 +1,122 @@
+"""Keeps what a filter does, sample by sample, and turns it into an Estimate."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from ident.estimate import Estimate, FilterHistory, Outcome
+from ident.filters.problem import FilterProblem
+
+LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
+
+
+def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
+    """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further numbers."""
+    if not all(np.abs(v).max(initial=0.0) < LARGEST for v in (mean, covariance, *further)):
+        return Outcome.DIVERGED
+    return Outcome.INDEFINITE if np.diag(covariance).min() < 0.0 else None
+
+
+@contextmanager
+def quiet_numerics() -> Iterator[None]:
+    """No warnings of overflow or ill condition from a computation whose result is judged by ``breakdown``."""
+    from scipy.linalg import LinAlgWarning
+
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)
+        yield
+
+
+class HistoryKeeper:
+    """Collects predictions, innovations and updates of one pass; any filter can use it.
+
+    A filter that breaks down leaves the samples after the last sound one at that sample's values, so no
+    history holds anything but finite numbers.
+    """
+
+    def __init__(self, problem: FilterProblem) -> None:
+        n, m, N = len(problem.names), len(problem.variance), len(problem.time)
+        self._problem = problem
+        self._last = -1
+        self._mean, self._covariance = np.zeros((n, N)), np.zeros((N, n, n))
+        self._predicted_mean, self._predicted_covariance = np.zeros((n, N)), np.zeros((N, n, n))
+        self._transition = np.zeros((N, n, n))
+        self._innovation, self._innovation_covariance = np.zeros((m, N)), np.tile(np.eye(m), (N, 1, 1))
+        self._sensitivity = np.zeros((N, m, n))
+        self._valid = np.zeros((m, N), dtype=bool)
+        self._log_likelihood, self._nis, self._degrees = np.zeros(N), np.zeros(N), np.zeros(N, dtype=int)
+        self._outputs = np.zeros((m, N))
+
+    def predicted(self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray) -> None:
+        """Before the update at sample ``k``."""
+        self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = mean, covariance, transition
+
+    def transition(self, k: int) -> np.ndarray:
+        """The transition kept for sample ``k``."""
+        return self._transition[k]
+
+    def outputs(self, k: int, y: np.ndarray) -> None:
+        """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a sample."""
+        self._outputs[:, k] = y
+
+    def innovation(self, k: int, rows: np.ndarray, y: np.ndarray, S: np.ndarray, H: np.ndarray, log_likelihood: float, nis: float) -> None:
+        """Innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output sensitivity ``H`` that gave the gain."""
+        self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
+        self._innovation_covariance[k][np.ix_(rows, rows)] = S
+        self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
+
+    def filtered(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """After the update at sample ``k``, which was sound."""
+        self._mean[:, k], self._covariance[k], self._last = mean, covariance, k
+
+    def estimate(self, method: str, outcome: Outcome) -> Estimate:
+        """The estimate after the last sound sample."""
+        problem, last, N = self._problem, self._last, len(self._problem.time)
+        n_x = len(problem.system.states)
+        final_mean = self._mean[:, last] if last >= 0 else problem.start
+        final_covariance = self._covariance[last] if last >= 0 else problem.covariance
+        for k in range(last + 1, N):
+            self._mean[:, k] = self._predicted_mean[:, k] = final_mean
+            self._covariance[k] = self._predicted_covariance[k] = final_covariance
+            self._transition[k] = np.eye(len(problem.names))
+            self._valid[:, k], self._innovation[:, k], self._sensitivity[k] = False, 0.0, 0.0
+            self._innovation_covariance[k] = np.eye(len(problem.variance))
+            self._log_likelihood[k] = self._nis[k] = self._degrees[k] = 0
+            self._outputs[:, k] = self._outputs[:, last] if last >= 0 else 0.0
+        history = FilterHistory(
+            problem.time,
+            problem.names,
+            self._mean,
+            np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2).T, 0.0)),
+            self._innovation,
+            np.sqrt(np.diagonal(self._innovation_covariance, axis1=1, axis2=2).T),
+            self._valid,
+            self._log_likelihood,
+            self._nis,
+            self._degrees,
+            self._predicted_mean,
+            self._predicted_covariance,
+            self._covariance,
+            self._transition,
+            self._sensitivity,
+            self._innovation_covariance,
+        )
+        names = problem.names[n_x:]
+        return Estimate(
+            method,
+            names,
+            tuple(problem.system.parameters[name].unit for name in names),
+            final_mean[n_x:].copy(),
+            final_covariance[n_x:, n_x:].copy(),
+            outcome,
+            float(self._log_likelihood.sum()),
+            problem.system.output_names,
+            np.sqrt(problem.variance),
+            (self._outputs,),
+            history,
+            message="" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s",
+        )

@@ -1,0 +1,167 @@
+"""Unscented Kalman filter for states and parameters, on filterpy's UnscentedKalmanFilter.
+
+filterpy does the update and the weights; three things are put around it to make it robust. A square root that
+serves singular covariances (a state known exactly has no variance, and Cholesky's would fail). All sigma
+points in one call of the System instead of one call each. Missing channels dropped row by row.
+
+The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the covariance,
+which holds part of the fourth moments of a Gaussian: with no negative weight the predicted covariance is
+semi-definite by construction, and nothing cancels (alpha = 0.001 loses six digits).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.ekf import SETTLED, FilterSettings
+from ident.filters.history import HistoryKeeper, breakdown, quiet_numerics
+from ident.filters.problem import FilterProblem, filter_problem, with_free
+from ident.filters.transition import log_gaussian
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
+from sim.record import Record
+
+ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
+SMALLEST = 1e-16  # share of the largest eigenvalue that is rounding
+
+
+def run_ukf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
+    """Estimate states and free parameters by an unscented Kalman filter.
+
+    Parameters
+    ----------
+    record, system : as for ``run_ekf``.
+    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the process noise only.
+
+    Returns
+    -------
+    Estimate as ``run_ekf`` returns it. ``history.transition[k]`` is the statistical linearisation G of the interval: with
+    P the covariance after the update before and C the cross-covariance of that state with the predicted one,
+    C = P G^T in each sub-step; ``history.sensitivity`` H likewise from the cross-covariance with the outputs,
+    P H^T. With these the fixed-interval smoother serves both filters.
+
+    Raises
+    ------
+    ModelError : as for ``run_ekf``.
+    """
+    settings = settings or FilterSettings()
+    problem = filter_problem(record, system, settings.max_step)
+    estimate = _one_pass(problem, settings, problem.start)
+    n_x = len(system.states)
+    for done in range(1, settings.passes):
+        if estimate.outcome is not Outcome.CONVERGED:
+            break
+        again = _one_pass(problem, settings, np.concatenate([problem.start[:n_x], estimate.values]))
+        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
+        estimate = replace(again, iterations=done + 1)
+        if moved < SETTLED:
+            break
+    return estimate
+
+
+def square_root(P: np.ndarray) -> np.ndarray:
+    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what has no variance."""
+    values, vectors, scale, _ = _decomposed(P)
+    return (np.sqrt(values)[:, None] * vectors.T) * scale
+
+
+def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
+    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the differences of what the paired
+    points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``. With the root instead of P half the digits of a nearly
+    singular P are kept."""
+    values, vectors, _, inverse = _decomposed(P)
+    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > SMALLEST * values[-1])
+    return (inverse[:, None] * (vectors @ (reciprocal[:, None] * half_differences))).T
+
+
+def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the correlation matrix, standard deviations and their inverses (zero for zero)."""
+    scale = np.sqrt(np.maximum(np.diag(P), 0.0))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
+    values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
+    return np.maximum(values, 0.0), vectors, scale, inverse
+
+
+def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarray) -> Estimate:
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+    n, grid, drive = len(problem.names), problem.grid, problem.drive
+    points = MerweScaledSigmaPoints(n, ALPHA, BETA, KAPPA, sqrt_method=square_root)
+    ukf = UnscentedKalmanFilter(dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points)
+    ukf.x, ukf.P = start.astype(float), problem.covariance.copy()
+    keeper = HistoryKeeper(problem)
+    with quiet_numerics():
+        for k in range(len(problem.time)):
+            G = np.eye(n)
+            try:
+                if k:
+                    for s in range(grid.sample[k - 1], grid.sample[k]):
+                        u = tuple([float(row[s]) for row in stage] for stage in drive.stages)
+                        G = _predict(ukf, problem, settings, float(grid.edges[s]), u, float(grid.steps[s])) @ G
+                keeper.predicted(k, ukf.x, ukf.P, G)
+                trouble = _update(ukf, problem, k, keeper)
+            except (ArithmeticError, ValueError):
+                trouble = Outcome.DIVERGED
+            if trouble is not None:
+                return keeper.estimate("ukf", trouble)
+            keeper.filtered(k, ukf.x, ukf.P)
+    return keeper.estimate("ukf", Outcome.CONVERGED)
+
+
+def _predict(ukf: Any, problem: FilterProblem, settings: FilterSettings, t: float, u: Any, dt: float) -> np.ndarray:
+    """Move the sigma points over one sub-step; returns the statistical linearisation of the step."""
+    from filterpy.kalman import unscented_transform
+
+    system, n_x = problem.system, len(problem.system.states)
+    before, mean, P = ukf.points_fn.sigma_points(ukf.x, ukf.P), ukf.x, ukf.P
+    columns = list(before.T)
+    moved = settings.step(system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt)
+    after = before.copy()
+    for i, row in enumerate(moved):
+        after[:, i] = row
+    noise = np.zeros_like(P)
+    if np.any(problem.density):
+        F = np.zeros_like(P)
+        F[:n_x] = complex_step_jacobian(lambda a: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])), mean.tolist())
+        noise = settings.transition(F, problem.density, dt)[1]
+    ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
+    ukf.P = 0.5 * (ukf.P + ukf.P.T)
+    return slopes(len(P) * P, _half_differences(after))
+
+
+def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
+    """filterpy's update with the channels that have a sample; how it broke down, if it did."""
+    n_x, at = len(problem.system.states), problem.grid.sample[k]
+    ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
+    columns = list(ukf.sigmas_f.T)
+    u = [float(row[at]) for row in problem.drive.begin]
+    y = problem.system.h(float(problem.grid.edges[at]), columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]))
+    outputs = np.array([np.broadcast_to(row, len(ukf.sigmas_f)) for row in y])
+    expected = outputs @ ukf.Wm
+    rows = np.flatnonzero(problem.valid[:, k])
+    log_likelihood = nis = 0.0
+    if rows.size:
+        point, before = iter(outputs[rows].T), ukf.P
+        ukf.update(problem.z[rows, k], R=np.diag(problem.variance[rows]), hx=lambda x: next(point))
+        ukf.P = 0.5 * (ukf.P + ukf.P.T)
+        try:
+            log_likelihood, nis = log_gaussian(ukf.y, ukf.S)
+        except np.linalg.LinAlgError:
+            return breakdown(ukf.x, ukf.S) or Outcome.INDEFINITE
+    trouble = breakdown(ukf.x, ukf.P, keeper.transition(k), expected, nis)
+    if trouble is None:
+        keeper.outputs(k, expected)
+        if rows.size:
+            H = slopes(len(before) * before, _half_differences(outputs[rows].T))
+            keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
+    return trouble
+
+
+def _half_differences(rows: np.ndarray) -> np.ndarray:
+    """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in pairs, ``(n, ...)``."""
+    n = len(rows) // 2
+    return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])

@@ -1,0 +1,232 @@
+"""The random part of a System along a trajectory: discrete transition, noise covariance, output sensitivity.
+
+States that white noise reaches deviate from the deterministic trajectory as x_dot = F x + w, y = H x, with F and H
+linearised there and w of the System's spectral density. Only those states are kept. A free initial state is an
+unknown of the fit, so its deviation starts at zero; states of a noise effect start from their stationary spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.whole_record.linearise import RecordProblem
+from sim.declaration.system import System
+from sim.maths.elementary import COMPLEX_STEP
+
+_SLOPE = 1e-5  # of a parameter's size, for central differences
+_TERMS = 14  # of a Taylor series, to rounding
+_FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
+_AT_ONCE = 16_000  # numbers that are worked on together: more do not stay in a processor's cache
+_KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to rounding
+
+
+@dataclass(frozen=True, eq=False)
+class RandomMotion:
+    """Linear random motion over the nodes ``0 .. K`` of a record, ``n`` states.
+
+    ``Phi``, ``Q`` ``(K, n, n)`` lead from node k to k + 1; ``H (K + 1, m, n)``; ``start (n, n)``. The leading axis has length 1
+    where nothing changes over the record. In derivatives by D quantities a further axis D precedes the matrices.
+    """
+
+    Phi: np.ndarray
+    Q: np.ndarray
+    H: np.ndarray
+    start: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSlopes:
+    """Derivatives of a RandomMotion by the quantities ``of`` (positions among those asked for) that change it."""
+
+    of: tuple[int, ...]
+    motion: RandomMotion
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """All parameters ``p`` and the factor ``scale`` on the declared process noise's standard deviation."""
+
+    p: np.ndarray
+    scale: float
+
+
+def random_motion(problem: RecordProblem, states: np.ndarray, at: Variation) -> RandomMotion:
+    """Random motion about ``states (nx, K + 1)``; without any state where nothing is forced."""
+    F, H, density, stationary = _linear_motion(problem, states, [at])
+    Phi, Q, start = _discrete_motion(problem, F, density, stationary)
+    return RandomMotion(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
+
+
+def motion_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> MotionSlopes:
+    """Derivatives of the random motion at the given trajectory; that the trajectory moves too is left out.
+
+    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
+    """
+    F, H, density, stationary = _linear_motion(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
+    parts = (F, H, density[None])
+    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
+    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
+    Phi, Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary)
+    width = np.array([moved[i][2] for i in of])[:, None, None]
+    by_Phi, by_Q, by_H, by_start = ((part[:, 2::2] - part[:, 1::2]) / width for part in (Phi, Q, H[:, chosen], start[None]))
+    return MotionSlopes(of, RandomMotion(by_Phi, by_Q, by_H, by_start[0]))
+
+
+def _linear_motion(
+    problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """F and H ``(B, V, ...)``, density ``(V, n)`` of V variations, of the n states that the first one's forcing reaches; which are stationary."""
+    system, nodes = problem.system, problem.grid.nodes
+    V, m = len(variations), len(system.outputs)
+    density = np.array([_density(system, variation) for variation in variations])
+    if not np.any(density[0] > 0):
+        return np.zeros((1, V, 0, 0)), np.zeros((1, V, m, 0)), np.zeros((V, 0)), np.zeros(0, dtype=bool)
+    F = _jacobians(system, system.f, _middles(problem, states), variations)
+    H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
+    kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
+    stationary = np.array([system.state_names[i] in system.stationary for i in kept])
+    return F[..., kept[:, None], kept], H[..., kept], density[:, kept], stationary
+
+
+def _discrete_motion(problem: RecordProblem, F: np.ndarray, density: np.ndarray, stationary: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Phi and Q ``(K or 1, V, n, n)`` over the node intervals, and covariance at the start ``(V, n, n)``."""
+    if F.shape[-1] == 0:
+        return F, F, F[0]
+    Phi, Q = _over_steps(F, density, np.diff(problem.grid.nodes))
+    return Phi, Q, _stationary_spread(F[0], density, np.flatnonzero(stationary))
+
+
+def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
+    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then by the scale if wanted."""
+    pairs = []
+    for position, size in zip(positions, sizes, strict=True):
+        step, ends = _SLOPE * size, []
+        for sign in (-1.0, 1.0):
+            p = at.p.copy()
+            p[position] += sign * step
+            ends.append(Variation(p, at.scale))
+        pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
+    if scale:
+        step = _SLOPE * max(at.scale, 1.0)
+        pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
+    return pairs
+
+
+def _density(system: System, variation: Variation) -> np.ndarray:
+    declared = np.array([system.declared_noise.process_density.get(name, 0.0) for name in system.state_names])
+    density = np.array(system.noise(variation.p.tolist())[0], dtype=float)
+    return density + (variation.scale**2 - 1.0) * declared
+
+
+def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
+    """Recorded inputs ``(nu, len(times))``; a lag on their way hardly changes a linearisation."""
+    rows = problem.record.input_array(problem.system.input_names)
+    return np.array([np.interp(times, problem.record.time, row) for row in rows]).reshape(len(rows), len(times))
+
+
+def _middles(problem: RecordProblem, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    nodes = problem.grid.nodes
+    times = 0.5 * (nodes[:-1] + nodes[1:])
+    return times, 0.5 * (states[:, :-1] + states[:, 1:]), _inputs(problem, times)
+
+
+def _jacobians(system: System, function: Any, where: tuple[np.ndarray, np.ndarray, np.ndarray], variations: Sequence[Variation]) -> np.ndarray:
+    """Derivative of ``f`` or ``h`` by the states, ``(B, V, rows, nx)``; B is 1 where it is the same all along."""
+    base = _jacobian(system, function, where, variations[:1])
+    if np.all(np.ptp(base, axis=0) <= 1e-13 * np.max(np.abs(base), axis=0)):
+        base, where = base[:1], (where[0][:1], where[1][:, :1], where[2][:, :1])
+    return base if len(variations) == 1 else _jacobian(system, function, where, variations)
+
+
+def _jacobian(system: System, function: Any, where: tuple[np.ndarray, np.ndarray, np.ndarray], variations: Sequence[Variation]) -> np.ndarray:
+    # Exact to rounding: complex steps, one column a state. Times stand last: whatever is the same for all of them meets long rows.
+    t, X, U = where
+    n_x, values = len(X), np.array([variation.p for variation in variations])
+    same = np.all(values == values[0], axis=0)
+    p = [float(values[0, i]) if same[i] else values[:, i][:, None, None] for i in range(values.shape[1])]
+    rows, parts = max(1, _AT_ONCE // (len(variations) * n_x)), []
+    for k in range(0, len(t), rows):
+        at = slice(k, k + rows)
+        x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
+        for i in range(n_x):
+            x[i][:, i] += 1j * COMPLEX_STEP
+        slopes = [np.imag(row) for row in function(t[at], x, list(U[:, at]), p)]
+        shape = (len(variations), n_x, len(t[at]))
+        parts.append(np.stack([np.broadcast_to(row, shape) for row in slopes], axis=1).transpose(3, 0, 1, 2))
+    return np.concatenate(parts) / COMPLEX_STEP
+
+
+def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
+    """Positions of the states that the forcing reaches through the couplings ``(nx, nx)``."""
+    reached = forced.copy()
+    for _ in range(len(reached)):
+        reached = reached | np.any(coupled & reached, axis=1)
+    return np.flatnonzero(reached)
+
+
+def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Phi and Q over each step, ``(K or 1, V, n, n)``, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
+    low, high = float(steps.min()), float(steps.max())
+    if len(F) > 1:
+        return discretised(F, density, steps[:, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
+    if high - low <= 1e-9 * high:
+        return discretised(F, density, np.full((1, 1), steps.mean()))
+    # One F and many steps: the result is a smooth function of the step.
+    angle = np.pi * (np.arange(_KNOTS) + 0.5) / _KNOTS
+    knots = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
+    share = _barycentric(knots, (-1.0) ** np.arange(_KNOTS) * np.sin(angle), steps)
+    Phi, Q = discretised(np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None])
+    return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
+
+
+def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:
+    away = at[:, None] - knots
+    hit = away == 0
+    share = weights / np.where(hit, 1.0, away)
+    share = np.where(np.any(hit, axis=1)[:, None], hit, share)
+    return share / share.sum(axis=1, keepdims=True)
+
+
+def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
+    """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
+
+    Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
+    on a short step, then doubling.
+    """
+    size = np.max(np.sum(np.abs(F), axis=-1).max(axis=-1) * dt, initial=0.0)
+    halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
+    n = F.shape[-1]
+    h = (dt / 2**halvings)[..., None, None]
+    step = F * h
+    Phi = np.broadcast_to(np.eye(n), step.shape).copy()
+    term = Phi
+    Q = np.zeros_like(step)
+    part = np.broadcast_to(density[..., None] * np.eye(n), step.shape) * h
+    for k in range(1, terms + 1):
+        Q = Q + part
+        term = step @ term / k
+        Phi = Phi + term
+        once = step @ part / (k + 1)
+        part = once + np.swapaxes(once, -1, -2)
+    for _ in range(halvings):
+        Q = Q + Phi @ Q @ np.swapaxes(Phi, -1, -2)
+        Phi = Phi @ Phi
+    return Phi, 0.5 * (Q + np.swapaxes(Q, -1, -2))
+
+
+def _stationary_spread(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T + diag(density) = 0, zero where they are not stable."""
+    start = np.zeros_like(F)
+    block, n = F[:, at[:, None], at], len(at)
+    if n == 0 or not np.all(np.linalg.eigvals(block).real < 0):
+        return start
+    eye = np.eye(n)
+    # Row-major: (F P + P F^T)[i, j] = sum of (F[i, k] I[j, l] + I[i, k] F[j, l]) P[k, l].
+    lyapunov = (block[:, :, None, :, None] * eye[:, None] + eye[:, None, :, None] * block[:, None, :, None, :]).reshape(-1, n * n, n * n)
+    force = (density[:, at, None] * eye).reshape(-1, n * n, 1)
+    start[:, at[:, None], at] = np.linalg.solve(lyapunov, -force).reshape(-1, n, n)
+    return start

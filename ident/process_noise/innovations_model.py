@@ -1,0 +1,186 @@
+"""Weighing of a fit whose states are forced by white noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
+
+The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory. Its gradient and
+expected information include how the filter depends on the parameters, noise levels among them, so that all unknowns
+are estimated together by Fisher scoring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.process_noise.discretised import Variation, motion_slopes, random_motion, slope_pairs
+from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
+from ident.whole_record.layout import FitLayout
+from ident.whole_record.linearise import INCREMENT, Linearisation, RecordProblem
+from ident.whole_record.noise_model import Weighed
+from sim.declaration.system import System
+
+SCALE = "process_noise_scale"
+_FACTOR = 4.0  # by which one step changes a noise level at most
+_LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """The whitener of one record and the residual that went through it."""
+
+    whitener: Whitener
+    residual: Filtered
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessNoise:
+    """Measurement noise with the levels ``std (m,)``, and forcing of the states as ``System.noise`` says.
+
+    ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``. ``scale`` multiplies the standard
+    deviation of process noise declared on states, and is an unknown where ``scaled``. Sensors with memory are taken as
+    without it by the filter: their lag acts on the deterministic part only.
+    """
+
+    outputs: tuple[str, ...]
+    std: np.ndarray
+    estimated: tuple[int, ...]
+    scale: float = 1.0
+    scaled: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*(f"std_{self.outputs[i]}" for i in self.estimated), *([SCALE] if self.scaled else []))
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.append(self.std[list(self.estimated)], [self.scale] if self.scaled else [])
+
+    @property
+    def low(self) -> np.ndarray:
+        return np.append(_LEAST * self.std[list(self.estimated)], [0.0] if self.scaled else [])
+
+    @property
+    def high(self) -> np.ndarray:
+        return np.append(_MOST * self.std[list(self.estimated)], [np.inf] if self.scaled else [])
+
+    def levels(self, theta: np.ndarray) -> tuple[np.ndarray, float]:
+        """Measurement noise ``(m,)`` and scale at ``theta``."""
+        own = theta[len(theta) - len(self.names) :]
+        std = self.std.copy()
+        std[list(self.estimated)] = own[: len(self.estimated)]
+        return std, float(own[-1]) if self.scaled else self.scale
+
+    def weigh(
+        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> Weighed | None:
+        """Innovations of residuals and sensitivities; None where an innovation covariance is not positive definite."""
+        try:
+            return self._weighed(layout, theta, lines, residuals, counts)
+        except np.linalg.LinAlgError:
+            return None
+
+    def further(self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed) -> tuple[np.ndarray, np.ndarray] | None:
+        """Terms through the filter's dependence on parameters and noise levels."""
+        std, scale = self.levels(theta)
+        n, estimated = len(theta), list(self.estimated)
+        own = np.arange(n - len(self.names), n)
+        by_variance = np.zeros((len(estimated), len(std)))
+        by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
+        gradient, information = np.zeros(n), np.zeros((n, n))
+        acting = [q for q, index in enumerate(layout.order) if not layout.system.parameters.items[index].name.startswith("bias_")]
+        for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, weighed.filters, strict=True)):
+            at = Variation(layout.split(theta, r)[0], scale)
+            pairs = slope_pairs(at, [layout.order[q] for q in acting], (problem.increment[acting] / INCREMENT).tolist(), self.scaled)
+            slopes = motion_slopes(problem, line.states, at, pairs)
+            mine = layout.columns(r)
+            moving = np.array([*(mine[acting[i]] if i < len(acting) else n - 1 for i in slopes.of), *own[: len(estimated)]], dtype=int)
+            if moving.size:
+                part = likelihood_slopes(filter.whitener, filter.residual, slopes, by_variance)
+                gradient[moving] += part.gradient
+                information[np.ix_(moving, moving)] += part.information
+        return gradient, information
+
+    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""
+        low, high = layout.low.copy(), layout.high.copy()
+        for i in self.setting_noise(layout, theta):
+            if theta[i] > 0:
+                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
+        return low, high
+
+    def setting_noise(self, layout: FitLayout, theta: np.ndarray) -> np.ndarray:
+        """Positions of the unknowns that set the noise: its own, and parameters of the System that move the forcing's density."""
+        n = len(theta)
+        positions = set(range(n - len(self.names), n))
+        for r in range(len(layout.problems)):
+            p, _ = layout.split(theta, r)
+            density = _density(layout.system, p)
+            setting = [q for q, index in enumerate(layout.order) if np.any(_density(layout.system, _stretched(p, index)) != density)]
+            positions |= set(layout.columns(r)[setting].tolist())
+        return np.array(sorted(positions), dtype=int)
+
+    def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
+        """Innovations of the columns over their standard deviation, zero where a sample is missing."""
+        problem = layout.problems[r]
+        return _at_samples(problem, filtered(weighed.filters[r].whitener, _at_nodes(problem, columns)).standard)
+
+    def _weighed(
+        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> Weighed | None:
+        std, scale = self.levels(theta)
+        cost, filters, whitened, jacobians = -0.5 * float(counts.sum()), [], [], []
+        for r, (problem, line, residual) in enumerate(zip(layout.problems, lines, residuals, strict=True)):
+            motion = random_motion(problem, line.states, Variation(layout.split(theta, r)[0], scale))
+            made = whitener(motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
+            passed = filtered(made, _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)))
+            own = Filtered(passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0])
+            filters.append(Filter(made, own))
+            both = _at_samples(problem, passed.standard)
+            whitened.append(both[:, :, 0])
+            jacobians.append(both[:, :, 1:])
+            cost += 0.5 * (made.log_determinant + float(np.sum(own.standard**2)))
+        if not (np.isfinite(cost) and all(np.all(np.isfinite(jacobian)) for jacobian in jacobians)):
+            return None
+        return Weighed(tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters))
+
+
+def _density(system: System, p: np.ndarray) -> np.ndarray:
+    return np.array(system.noise(p.tolist())[0], dtype=float)
+
+
+def _stretched(p: np.ndarray, index: int) -> np.ndarray:
+    moved = p.copy()
+    moved[index] *= 1.01
+    return moved
+
+
+def is_forced(system: System) -> bool:
+    """Whether white noise acts on a state."""
+    return bool(np.any(_density(system, system.parameters.values()) > 0))
+
+
+def process_noise(system: System, std: Mapping[str, float], present: Sequence[str], *, fixed: bool = False, scale: float = 1.0) -> ProcessNoise:
+    """Weighing for a System: noise levels started (or ``fixed``) at ``std``, those of the outputs in ``present`` estimated.
+
+    Process noise declared on states gets an unknown scale, unless fixed.
+    """
+    names = system.output_names
+    levels = np.array([std[name] for name in names])
+    declared = any(value > 0 and name in system.state_names for name, value in system.declared_noise.process_density.items())
+    estimated = () if fixed else tuple(i for i, name in enumerate(names) if name in present)
+    return ProcessNoise(names, levels, estimated, scale, declared and not fixed)
+
+
+def _at_nodes(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
+    """``(m, N, c)`` at the samples to ``(K + 1, m, c)`` at the nodes, zero between samples."""
+    nodes, at = len(problem.grid.nodes), problem.grid.sample // problem.grid.substeps
+    turned = np.ascontiguousarray(values.transpose(1, 0, 2))
+    if nodes == len(at):
+        return turned
+    out = np.zeros((nodes, *turned.shape[1:]), dtype=turned.dtype)
+    out[at] = turned
+    return out
+
+
+def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values[problem.grid.sample // problem.grid.substeps].transpose(1, 0, 2))

@@ -1,0 +1,142 @@
+"""State histories for equation error, from a record alone.
+
+A state that is measured under its own name is taken from its channel; a state that equals the rate of a known one
+(velocity of an altitude) is that one's slope. Nothing is simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.regression.local_polynomial import Windows, half_width_by_cross_validation, smoothed, windows
+from sim.declaration.system import System
+from sim.errors import ModelError
+from sim.maths.elementary import complex_step_jacobian
+from sim.record import Record
+
+SLOPE_FACTOR = 2  # a slope is noisier than a value: its window is this much wider
+
+
+@dataclass(frozen=True, eq=False)
+class StateData:
+    """One state over a record.
+
+    Attributes
+    ----------
+    raw, valid : ``(N,)`` what the slope of the state is formed from, and where it is there.
+    smooth : ``(N,)`` what enters the regressors.
+    slopes : windows whose ``slope`` weights give the left-hand side of its equation.
+    bias : position among all parameters of the bias of its channel; None without one.
+    defines : the name of the state that was taken from this one's slope, so that this equation says nothing more.
+    """
+
+    raw: np.ndarray
+    valid: np.ndarray
+    smooth: np.ndarray
+    slopes: Windows
+    bias: int | None
+    defines: str = ""
+
+
+def state_data(record: Record, system: System) -> list[StateData]:
+    """Data of every state of the System.
+
+    Half widths: of a channel by cross-validation (``half_width_by_cross_validation``), twice that for slopes.
+
+    Raises
+    ------
+    ModelError : naming the state that the record does not give.
+    """
+    names = system.state_names
+    found: dict[str, StateData] = {}
+    widths: dict[str, int] = {}
+    for name in names:
+        if name in record.output_names and name in system.output_names:
+            _require_plain_reading(system, name)
+            channel = record[name]
+            half = half_width_by_cross_validation(record.time, channel.values, channel.valid)
+            bias = system.parameters.index(f"bias_{name}") if f"bias_{name}" in system.parameters else None
+            smooth = smoothed(record.time, channel.values, channel.valid, half)
+            slopes = windows(record.time, channel.valid, SLOPE_FACTOR * half, 1)
+            found[name], widths[name] = StateData(channel.values, channel.valid, smooth, slopes, bias), half
+    relations = rate_relations(system)
+    waiting = [name for name in names if name not in found]
+    while waiting:
+        derived = [(name, source) for name in waiting for source, rate in relations.items() if rate == name and source in found]
+        if not derived:
+            state = waiting[0]
+            raise ModelError(
+                f"state {state} is neither measured nor the rate of a measured state",
+                where=f"equation error, {record.name}",
+                remedy=f"record a channel {state}, or use output-error or a filter",
+            )
+        for name, source in derived:
+            half = SLOPE_FACTOR * widths[source]
+            found[name], found[source] = _from_slope(record.time, found[source], half, name)
+            widths[name] = half
+        waiting = [name for name in names if name not in found]
+    return [found[name] for name in names]
+
+
+def rate_relations(system: System) -> dict[str, str]:
+    """States whose rate is exactly another state: ``{"altitude": "velocity"}``; found from the values and Jacobian of f."""
+    names, n_x, n_u = system.state_names, len(system.states), len(system.inputs)
+    p = system.parameters.values()
+    relations: dict[str, str] = {}
+    for shift in (0.37, 0.71):
+        point = np.concatenate([_away(system.initial.values(), shift), np.full(n_u, 0.1 + shift), p])
+
+        def rates(a: list, n_x: int = n_x, n_u: int = n_u) -> list:
+            return system.f(0.0, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])
+
+        values, jacobian = rates(point.tolist()), complex_step_jacobian(rates, point.tolist())
+        here = {}
+        for i, name in enumerate(names):
+            for j in range(n_x):
+                wanted = np.zeros(len(point))
+                wanted[j] = 1.0
+                if i != j and np.array_equal(jacobian[i], wanted) and float(values[i]) == point[j]:
+                    here[name] = names[j]
+        relations = here if shift == 0.37 else {key: value for key, value in relations.items() if here.get(key) == value}
+    return relations
+
+
+def _from_slope(time: np.ndarray, source: StateData, half: int, name: str) -> tuple[StateData, StateData]:
+    """The state that is the rate of ``source``, and ``source`` marked as used up."""
+    fit = windows(time, source.valid, half, 3)
+    if not np.any(fit.usable):
+        raise ModelError(f"too few samples for the slope that gives state {name}", where="equation error", remedy="use a longer record")
+    slope = np.sum(fit.slope * fit.gather(source.raw), axis=1)
+    # Its own equation is averaged over a window as wide again, so that neighbouring slopes are not differenced.
+    slopes = windows(time, fit.usable, half, 1)
+    smooth = np.interp(time, time[fit.usable], slope[fit.usable])
+    used = StateData(source.raw, source.valid, source.smooth, source.slopes, source.bias, name)
+    return StateData(np.where(fit.usable, slope, 0.0), fit.usable, smooth, slopes, None), used
+
+
+def _require_plain_reading(system: System, name: str) -> None:
+    """The output must be the state itself, apart from its own bias."""
+    n_x, n_u = len(system.states), len(system.inputs)
+    point = np.concatenate([_away(system.initial.values(), 0.37), np.full(n_u, 0.1), system.parameters.values()])
+    row = system.output_names.index(name)
+
+    def reading(a: list) -> list:
+        return [system.h(0.0, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])[row]]
+
+    wanted = np.zeros(len(point))
+    wanted[system.state_names.index(name)] = 1.0
+    if f"bias_{name}" in system.parameters:
+        wanted[n_x + n_u + system.parameters.index(f"bias_{name}")] = 1.0
+    if not np.array_equal(complex_step_jacobian(reading, point.tolist())[0], wanted):
+        raise ModelError(
+            f"output {name} shows more than state {name}",
+            where=f"equation error, state {name}",
+            remedy="leave out the effect that changes the reading, or use output-error or a filter",
+        )
+
+
+def _away(start: np.ndarray, shift: float) -> np.ndarray:
+    """A point off every special value: zero, one, and equal states."""
+    return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))

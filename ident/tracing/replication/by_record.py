@@ -1,0 +1,120 @@
+"""Does an effect come out alike from each record? Chance and colour do not replicate; a cause does."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.tracing.candidate_model.fitted_model import Node, Values, fit_set
+from ident.tracing.diagnosis import Quantity
+from ident.tracing.selection.expansion import quantities_with
+from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness, silent
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_covariance
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Model
+from sim.record import Record
+
+AGREE = 3.0  # corrected sigmas that two records may differ by
+ALIKE = 0.4  # of the mean, a difference that no one would call another value
+KNOWN = 0.5  # of a value, the sigma above which a record does not tell it
+STANDS = 2.0  # corrected sigmas from absence
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """All records that speak on one aircraft, fitted or held out, with their masks ``(m, N)`` and the outputs they have.
+
+    ``witness`` speaks of effects by other means than the model.
+    """
+
+    records: tuple[Record, ...]
+    masks: tuple[np.ndarray, ...]
+    model: Model
+    outputs: tuple[str, ...]
+    settings: TraceSettings
+    witness: Witness = silent
+
+    def fit(
+        self,
+        effects: Sequence[Effect],
+        which: Sequence[int],
+        start: Values | None,
+        added: Mapping[str, float] | None = None,
+        apart: Collection[str] = (),
+    ) -> Node | None:
+        """Fit a set to some of the records, from the values of a fit of all of them or, for what is ``added``, from there.
+
+        Of the parameters in ``apart`` each record has its own.
+        """
+        settings = FitSettings(max_step=2.0 * self.settings.max_step, iterations=20, tolerance=0.02, enough=0.1)
+        values = None if start is None else Values(start.shared, tuple(start.own[r] for r in which), tuple(start.states[r] for r in which))
+        records, masks = [self.records[r] for r in which], [self.masks[r] for r in which]
+        return fit_set(records, self.model, effects, list(self.outputs), settings, masks, 0.0, values, added, apart=apart)
+
+
+@dataclass(frozen=True, eq=False)
+class Replication:
+    """One effect's parameters as each record has them, by local name; ``agrees`` where they are one value but for their scatter."""
+
+    values: tuple[Mapping[str, Quantity], ...]
+    agrees: bool
+
+
+def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
+    """Let each record have an effect's parameters for itself, the derivatives in common, and compare.
+
+    A record by itself may not tell an effect from a derivative; all of them together do. A curve's shapes trade off against
+    each other: for effects with more than two parameters it is the held-out errors that have to agree, not the numbers.
+    """
+    everything, shared = range(len(flight.records)), joint.values.shared
+    names = {full_name(effect, item.name) for item in effect.parameters if item.free}
+    node = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, names)
+    if node is None:
+        return Replication((), False)
+    each = by_record(node, effect)
+    agrees = len(names) > 2 or all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0])
+    return Replication(each, agrees)
+
+
+def by_record(node: Node, effect: Effect) -> tuple[dict[str, Quantity], ...]:
+    """An effect's parameters in each record of a fit, with sigmas corrected for coloured residuals; alike where they are shared."""
+    covariance, _ = fit_covariance(node.fit)
+    return tuple(quantities_with(node, effect, covariance))
+
+
+def stands_off(node: Node, effect: Effect) -> float:
+    """How far an effect's parameters, all together, stand off their absence, in corrected sigmas (the root of Wald's statistic, per parameter)."""
+    covariance, _ = fit_covariance(node.fit)
+    names = node.fit.layout.names
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    at = [i for i, name in enumerate(names) if name in absent]
+    if not at:
+        return np.inf
+    away = node.fit.theta[at] - np.array([absent[names[i]] for i in at])
+    scale = np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
+    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
+    return float(np.sqrt(max(0.0, (away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0]) / len(at)))
+
+
+def own_quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+    """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
+    return by_record(node, effect)[0]
+
+
+def _alike(found: Sequence[Quantity], absent: float | None) -> bool:
+    """Whether values from several records are one value, and, where there is an absence, stand off it in most of the records."""
+    values, std = np.array([q.value for q in found]), np.array([q.std for q in found])
+    zero = 0.0 if absent is None else absent
+    weight = 1.0 / np.maximum(std, 0.05 * np.abs(values - zero) + 1e-300) ** 2
+    mean = float(values @ weight / weight.sum())
+    agree = np.abs(values - mean) <= np.maximum(AGREE * std, ALIKE * abs(mean - zero))
+    if absent is None:
+        # A limit, or a frequency: records that do not reach it say nothing, but one alone is no replication.
+        return bool(np.all(agree) and np.count_nonzero(std < KNOWN * np.abs(values)) >= min(2, len(found)))
+    side = np.sign(values - zero) == np.sign(mean - zero)
+    stand = np.abs(values - zero) > STANDS * std
+    return bool(np.all(agree) and np.all(side | (np.abs(values - zero) < std)) and np.count_nonzero(stand) >= max(1, len(found) - 1))

@@ -1,0 +1,96 @@
+"""Which of the effects that stand by themselves is chosen, which would do as well, and when a guard forbids any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.tracing.candidate_model.fitted_model import Node, guards_among
+from ident.tracing.replication.by_record import Replication, own_quantities
+from ident.tracing.replication.error_reduction import Reduction, reduction
+from ident.tracing.screening.score_test import Finding, collinear
+from ident.tracing.selection.expansion import COLLINEAR
+from ident.tracing.witness import Witness, silent
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.effect import Effect
+
+SURE = 2.0  # of its scatter
+SMALL = 0.04  # of ln(error): no one would prefer one cause to another by less
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """One candidate added to a set, weighed on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for.
+
+    ``predictions`` by record (from 0): the frozen fit of each that could be asked.
+    """
+
+    effect: Effect
+    finding: Finding
+    node: Node
+    reduction: Reduction
+    replication: Replication
+    gain: float
+    stands: bool
+    why: str
+    predictions: Mapping[int, Fit]
+
+
+@dataclass(frozen=True, eq=False)
+class Stood:
+    """An effect that stands, and those that would do as well in its place."""
+
+    best: Standing
+    others: tuple[Standing, ...]
+
+
+def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | None:
+    """The best of those that stand, with those that would do as well; None where none stands or a guard forbids it."""
+    standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
+    if not standing:
+        return None
+    lowest = min(standing, key=lambda item: item.reduction.total)
+    guards = [item for item in results if guards_among([item.effect.name])]
+    if any(_better_guard(item, lowest) for item in guards):
+        return None
+    equals = [item for item in standing if _as_good(item, lowest)]
+    # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
+    said = {id(item): witness(item.effect.name, own_quantities(item.node, item.effect)) for item in equals} if len(equals) > 1 else {}
+    best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
+    # One and the same signature does as well under another name, too, where only its values by record differ.
+    alike = [item for item in results if not item.stands and item.replication.values and _same_trace(item, best) and _as_good(item, best)]
+    others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
+    return Stood(best, tuple(others))
+
+
+def _better_guard(guard: Standing, best: Standing) -> bool:
+    """Whether a guard does better than the best by more than scatter, or replicates and does as well with no more parameters.
+
+    A guard that an effect contains is that effect in a narrower form, and speaks for it.
+    """
+    if best.effect.name in getattr(guard.effect, "within", ()):
+        return False
+    behind, scatter = _behind(guard, best)
+    tie = guard.stands and guard.finding.parameters <= best.finding.parameters and behind <= max(scatter, 0.5 * SMALL)
+    return tie or behind < -SURE * scatter
+
+
+def _as_good(item: Standing, best: Standing) -> bool:
+    """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
+    behind, scatter = _behind(item, best)
+    return behind <= (3.0 if _same_trace(item, best) else SURE) * max(scatter, 0.5 * SMALL)
+
+
+def _same_trace(item: Standing, best: Standing) -> bool:
+    return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > COLLINEAR
+
+
+def _behind(item: Standing, best: Standing) -> tuple[float, float]:
+    """Mean of ln(rms of one / rms of another) over the channels of the records that both predict, and its scatter under resampling of blocks."""
+    common = sorted(item.predictions.keys() & best.predictions.keys())
+    if item is best or not common:
+        return item.reduction.total - best.reduction.total, float(np.hypot(item.reduction.scatter, best.reduction.scatter))
+    difference = reduction([best.predictions[r] for r in common], [item.predictions[r] for r in common])
+    return difference.total, difference.scatter

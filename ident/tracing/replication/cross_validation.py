@@ -1,0 +1,250 @@
+"""Effects that stand by themselves although what remains is not noise: the usual good outcome on measured data.
+
+Against white noise everything is significant where filters, a noisy input and a dozen small causes colour the residual. What a
+cause does there, and chance does not: it lowers the error on records that were not fitted, on each of them, and comes out alike
+from each record by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.statistics.coloured_covariance import effective_share
+from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, guards_among, is_event
+from ident.tracing.replication.by_record import Flight, Replication, own_quantities, replicate, stands_off
+from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.comparison import SMALL, SURE, Standing, Stood, choose
+from ident.tracing.replication.error_reduction import Reduction, reduction
+from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.pairs import likely_pairs
+from ident.tracing.screening.score_test import Finding, screen
+from ident.tracing.selection.expansion import CLEARLY, implausible, near_absence, same_sensor_twins
+from ident.tracing.validation.held_out import held_out
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.effect import Effect, NoiseEffect
+from sim.declaration.proposal import fitted_to
+
+WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
+WORSE = 0.05  # growth of ln(error) of one channel that is borne, or half of what is gained in the mean, beside twice its scatter
+MOST, GUARDS = 6, 3  # candidates and guards fitted in full
+HOPELESS = 0.1  # of the best projected gain, below which nothing is fitted
+BEYOND = 0.1  # of a curve's range, flown by one record alone
+HALF = 0.5  # of that, on the fitted records, without which held-out ones are not asked
+FEW = 3  # records, of which the others are fitted anew when one is left out
+DEEPEST = 2
+
+
+def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -> tuple[list[Stood], list[Standing]]:
+    """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was weighed.
+
+    Parameters
+    ----------
+    flight : at least two records. candidates : library and guards; events and random motion are left out, since they need not replicate.
+    root : the declared model fitted to the training records, for starting values.
+
+    Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
+    that another stands in for, are looked for as a pair.
+    """
+    found: list[Stood] = []
+    weighed: list[Standing] = []
+    usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
+    root_node = flight.fit((), range(len(flight.records)), None, root.values.shared)
+    steps: list[_Step] = []
+    while root_node is not None and len(found) < DEEPEST:
+        step = _weigh_all(flight, usable, found[-1].best.node if found else root_node)
+        if step is None:
+            break
+        steps.append(step)
+        weighed += step.results
+        if step.chosen is None:
+            break
+        found.append(step.chosen)
+    if steps:
+        pair, results = _pair_instead(flight, usable, steps[0], found)
+        weighed += results
+        found = pair or found
+    return found, weighed
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """All that was weighed at a node, and what was chosen; ``before`` the node's own predictions by record."""
+
+    node: Node
+    before: Mapping[int, Fit]
+    findings: Sequence[Finding]
+    results: Sequence[Standing]
+    chosen: Stood | None
+
+
+def _weigh_all(flight: Flight, candidates: Sequence[Effect], node: Node) -> _Step | None:
+    before = _left_out(flight, node)
+    if before is None:
+        return None
+    findings = _promising(node, candidates)
+    guards = [finding for finding in findings if guards_among([finding.effect.name])]
+    tried = [finding for finding in findings if finding not in guards][:MOST] + guards[:GUARDS]
+    results = [item for item in (_weigh(flight, node, finding, before) for finding in tried) if item is not None]
+    return _Step(node, before, findings, results, choose(results, flight.witness))
+
+
+def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[Stood]) -> tuple[list[Stood] | None, list[Standing]]:
+    """Two effects, each standing beside the other, that together do clearly better than what was found one after the other."""
+    names = [item.best.effect.name for item in found]
+    pairs = likely_pairs(first.findings, names, float(first.node.fit.counts.sum()))
+    children = [child for pair in pairs if (child := _fit_pair(flight, first.node, pair)) is not None]
+    best = min(children, key=lambda child: child.fit.cost, default=None)
+    reached = -_fitted_change(first.node, found[-1].best.node) if found else 0.0
+    fall = -_fitted_change(first.node, best) if best is not None else 0.0
+    if best is None or fall <= reached:
+        return None, []
+    # What a witness speaks for need not be better by as much.
+    vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects)
+    if not vouched and fall < reached + (SMALL if len(found) > 1 else HALF * WORTH):
+        return None, []
+    stood: list[Stood] = []
+    weighed: list[Standing] = []
+    one = best.effects[0]
+    for _ in range(2):
+        # The second may be another than the pair's, where that does better; the first has to come out again beside it.
+        alone = flight.fit((one,), range(len(flight.records)), best.values)
+        step = _weigh_all(flight, candidates, alone) if alone is not None else None
+        weighed += step.results if step is not None else []
+        if step is None or step.chosen is None:
+            return None, weighed
+        stood.append(step.chosen)
+        one = step.chosen.best.effect
+    if best.effects[0].name not in {item.effect.name for item in (stood[1].best, *stood[1].others)}:
+        return None, weighed
+    last = found[-1].best.predictions if found else first.before
+    common = sorted(last.keys() & stood[-1].best.predictions.keys())
+    lowered = reduction([last[r] for r in common], [stood[-1].best.predictions[r] for r in common])
+    least = 0.0 if vouched else SMALL if len(found) > 1 else WORTH
+    return (stood[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
+
+
+def _fit_pair(flight: Flight, node: Node, pair: tuple[Finding, Finding]) -> Node | None:
+    effects = (*node.effects, *(finding.effect for finding in pair))
+    return flight.fit(effects, range(len(flight.records)), node.values, {**pair[0].starts[0], **pair[1].starts[0]})
+
+
+def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
+    """The candidates whose projected gain, in effective samples, pays for their parameters; the largest first."""
+    share = _effective(node)
+    twins = {twin for name in node.names for twin in same_sensor_twins(name)}
+    samples = share * float(node.fit.counts.sum())
+    findings = [finding for finding in screen(node, candidates, occasion_at(node)) if finding.effect.name not in twins]
+    most = findings[0].gain if findings else 0.0
+    return [
+        finding
+        for finding in findings
+        if finding.gain > HOPELESS * most and 2.0 * share * finding.gain > finding.parameters * np.log(max(samples, np.e))
+    ]
+
+
+def _left_out(flight: Flight, node: Node, which: Sequence[int] | None = None) -> dict[int, Fit] | None:
+    """Each record, or ``which``, predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
+    fits = {}
+    for r in range(len(flight.records)) if which is None else which:
+        record = flight.records[r]
+        trained: Node | None = without_record(node, r)
+        if len(flight.records) <= FEW:
+            others = [other for other in range(len(flight.records)) if other != r]
+            trained = flight.fit(node.effects, others, node.values)
+        frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
+        if frozen is None:
+            return None
+        fits[r] = frozen
+    return fits
+
+
+def within_reach(node: Node, effect: Effect) -> list[int]:
+    """Records that fly where the others do, too: beyond their range a curve fitted to the others is not known."""
+    low, high = getattr(effect, "low", None), getattr(effect, "high", None)
+    count = len(node.fit.layout.problems)
+    if low is None or high is None:
+        return list(range(count))
+    inside = []
+    for r in range(count):
+        others = fitted_to(effect, occasion_at(node, which=[other for other in range(count) if other != r]))
+        beyond = max(others.low - low, high - others.high)  # type: ignore[attr-defined]
+        if beyond <= BEYOND * (high - low):
+            inside.append(r)
+    return inside
+
+
+def without_record(node: Node, r: int) -> Node:
+    """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near where there are many."""
+    fit, layout = node.fit, node.fit.layout
+    normal, gradient = (part.copy() for part in fit.normal_equations())
+    at, problem = layout.columns(r), layout.problems[r]
+    weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0).ravel()
+    J = fit.jacobians[r].reshape(-1, len(at))
+    normal[np.ix_(at, at)] -= J.T @ (weight[:, None] * J)
+    gradient[at] -= J.T @ (weight * fit.residuals[r].ravel())
+    scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    moving = np.flatnonzero(scale > 1e-9 * np.sqrt(np.maximum(np.diag(fit.normal_equations()[0]), 1e-300)))
+    inside = normal[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
+    step = np.zeros(len(fit.theta))
+    step[moving] = np.linalg.lstsq(inside, gradient[moving] / scale[moving], rcond=1e-10)[0] / scale[moving]
+    return replace(node, fit=replace(fit, theta=np.clip(fit.theta + step, layout.low, layout.high)))
+
+
+def _weigh(flight: Flight, node: Node, finding: Finding, before: Mapping[int, Fit]) -> Standing | None:
+    effects = (*node.effects, finding.effect)
+    everything = range(len(flight.records))
+    tries = [flight.fit(effects, everything, node.values, start) for start in finding.starts[:2]]
+    child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+    if child is None or child.fit.cost > node.fit.cost:
+        child = flight.fit(effects, everything, node.values, near_absence(finding.effect, finding.starts[0]))
+    if child is None:
+        return None
+    if _fitted_change(node, child) > -HALF * WORTH:
+        return None
+    asked = within_reach(node, finding.effect)
+    after = _left_out(flight, child, asked) if asked else None
+    if after is None:
+        return None
+    pairs = [before[r] for r in asked], [after[r] for r in asked]
+    lowered, gain = reduction(*pairs), coloured_gain(*pairs)
+    if lowered.total > -WORTH:
+        why = "it does not lower the held-out error enough"
+        return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
+    copies = replicate(flight, child, finding.effect)
+    stands, why = _judged(lowered, copies)
+    if stands and stands_off(child, finding.effect) < CLEARLY:
+        stands, why = False, "its parameters are not determined"
+    if stands and gain < flight.settings.accept:
+        stands, why = False, "a colour of the residual does as well"
+    if stands and implausible(finding.effect, own_quantities(child, finding.effect)):
+        stands, why = False, "its parameters are beyond belief"
+    return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+
+
+def _fitted_change(node: Node, child: Node) -> float:
+    """Mean over the channels of ln(rms after / rms before) on the fitted records: what is not there will not be on others."""
+    used = node.fit.layout.used & child.fit.layout.used
+    return float(np.mean(0.5 * np.log(child.fit.variance[used] / node.fit.variance[used]))) if np.any(used) else 0.0
+
+
+def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
+    """Whether it stands, and why not."""
+    if lowered.total > -SURE * lowered.scatter:
+        return False, "the fall of the held-out error is within its scatter"
+    if np.any(lowered.by_channel > max(WORSE, -0.5 * lowered.total) + 2.0 * lowered.channel_scatter):
+        return False, "one channel gets worse"
+    # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
+    if any(total > SURE * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
+        return False, "it makes a record worse"
+    if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
+        return False, "it helps on too few records"
+    if not copies.agrees:
+        return False, "the records give different values"
+    return True, "stands"
+
+
+def _effective(node: Node) -> float:
+    return effective_share(node.fit.residuals, [problem.valid for problem in node.fit.layout.problems])

@@ -1,0 +1,258 @@
+"""One node of the search extended: candidates screened, the best fitted in full, what is accepted and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.process_noise.filter_error import turbulence_worth_trying
+from ident.process_noise.innovations_model import is_forced
+from ident.statistics.information import inverse_information
+from ident.tracing.candidate_model.fitted_model import Node, free_names, is_event
+from ident.tracing.diagnosis import Candidate, Quantity, Step
+from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.search import Search
+from sim.declaration.effect import Effect, NoiseEffect, full_name
+
+COLLINEAR = 0.9
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
+WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
+HOPELESS, RIVAL = 0.2, 0.5  # of the best gain so far
+CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
+CHEAP = 2  # parameters of a candidate that is fitted even though its projected gain is small
+
+
+def expand(search: Search, node: Node, number: int) -> list[Node]:
+    """Accepted children of a node; all that was looked at is kept as evidence.
+
+    The best few by projected gain are fitted in full. Where none of them leaves noise, the candidates with few parameters are
+    fitted too: a base fit that bent far hides what bent it from a linear look.
+    """
+    key = frozenset(node.names)
+    if key in search.expanded or search.exhausted:
+        return []
+    search.expanded.add(key)
+    findings = [
+        finding
+        for finding in screen(node, search.candidates, occasion_at(node, search.beside))
+        if not (_excluded(node, finding.effect) or isinstance(finding.effect, NoiseEffect))
+    ]
+    search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
+    children: dict[int, Node] = {}
+    most, explained = 0.0, None
+    limit = search.settings.tried if not node.effects else search.settings.tried // 2
+    starts = search.settings.starts if not node.effects else 1
+    for place, finding in enumerate(findings):
+        # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
+        worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (len(children) < 2 or finding.gain > HOPELESS * most)
+        if explained is not None:
+            # Nothing is missing any more: only what might explain it as well is still of interest.
+            worth = worth and (finding.gain > RIVAL * most or collinear(finding, explained) > COLLINEAR)
+        if not worth or len(children) >= limit or search.exhausted:
+            continue
+        child = best_fit(search, node, finding, starts)
+        if child is not None:
+            children[place] = child
+            most = max(most, node.fit.cost - child.fit.cost)
+            if explained is None and is_white(child):
+                explained = finding
+    if explained is None and not is_white(node) and not is_forced(node.system):
+        for place, finding in enumerate(findings):
+            if place not in children and finding.parameters <= CHEAP and not search.exhausted:
+                child = best_fit(search, node, finding, 1)
+                if child is not None:
+                    children[place] = child
+    return _accepted(search, node, number, findings, children)
+
+
+def with_random_motion(search: Search, node: Node, number: int) -> list[Node]:
+    """The node with turbulence, offered only where its innovations are not white."""
+    effects = [effect for effect in search.candidates if isinstance(effect, NoiseEffect)]
+    if not effects or is_forced(node.system) or search.exhausted or turbulence_worth_trying(node.fit) > WORTH:
+        return []
+    findings: list[Finding] = []
+    children: dict[int, Node] = {}
+    for effect in effects:
+        child = search.fit((*node.effects, effect), node, rough=True)
+        if child is not None:
+            children[len(findings)] = child
+            findings.append(Finding(effect, 0.0, len(free_names(effect)), ({},), (0.0,), np.zeros(1)))
+    return _accepted(search, node, number, findings, children)
+
+
+def _accepted(search: Search, node: Node, number: int, findings: list[Finding], children: dict[int, Node]) -> list[Node]:
+    """Keep evidence on all findings, and the children that lower the score enough."""
+    accepted: list[Node] = []
+    most = max((node.fit.cost - child.fit.cost for child in children.values()), default=0.0)
+    for place, finding in enumerate(findings):
+        child = children.get(place)
+        gain = finding.gain if child is None else node.fit.cost - child.fit.cost
+        others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > COLLINEAR)
+        search.evidence.append(_candidate(number, node, finding, child, gain, others))
+        lowered = 0.0 if child is None else search.gain(node, child)
+        if child is None or lowered <= search.settings.accept:
+            continue
+        if not _present(child, finding.effect):
+            # What it brought is a better optimum of the set without it.
+            better = search.fit(node.effects, child)
+            if better is not None and better.fit.cost < node.fit.cost:
+                search.keep(better, search.score(node) - 2.0 * (node.fit.cost - better.fit.cost))
+            continue
+        parent = node
+        if gain > RIVAL * most:
+            # One that brings less than half of another will not be the best of its size: no need to know exactly what it brings.
+            child = _placed_better(search, child, finding.effect)
+            parent = _from_child(search, node, child)
+            lowered = search.gain(parent, child)
+        if lowered <= search.settings.accept:
+            continue
+        search.keep(child, search.score(parent) - lowered)
+        sentence = f"{finding.effect.name} lowers the criterion by {lowered:.1f}"
+        search.steps.append(Step(child.names, search.score(child), child.fit.log_likelihood, sentence))
+        accepted.append(search.nodes[frozenset(child.names)])
+    return accepted
+
+
+def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+    """An effect's free parameters in a node, by local name; of the record in which it stands out most where each has its own."""
+    return max(_quantities_by_record(node, effect), key=lambda found: _sigmas(effect, found))
+
+
+def records_of(node: Node, effect: Effect) -> tuple[int, ...]:
+    """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
+    each = _quantities_by_record(node, effect)
+    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
+    return seen if 0 < len(seen) < len(each) else ()
+
+
+def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
+    """The same for every record; alike where the parameters are shared."""
+    normal, _ = node.fit.normal_equations()
+    covariance, _ = inverse_information(normal, node.fit.theta)
+    return quantities_with(node, effect, covariance)
+
+
+def quantities_with(node: Node, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
+    """An effect's parameters in each record of a node, with sigmas from a covariance ``(n, n)`` of all unknowns."""
+    places = {name: i for i, name in enumerate(node.fit.layout.names)}
+    out: list[dict[str, Quantity]] = []
+    for r in range(len(node.fit.layout.problems)):
+        found = {}
+        for item in effect.parameters:
+            full = full_name(effect, item.name)
+            at = places.get(full, places.get(f"{full}, record {r + 1}"))
+            if at is not None:
+                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+        out.append(found)
+    return out
+
+
+def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
+    """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
+    ranges = getattr(effect, "plausible", {})
+    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
+
+
+def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
+    """Whether parameters differ from the effect's absence by more than they are uncertain."""
+    return _sigmas(effect, found) > 2.0
+
+
+def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
+    """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
+    known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
+    return max(known, default=np.inf)
+
+
+def best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
+    """A node with one more effect, fitted from the best few of its starts; None where none comes out better than the node itself."""
+    best: Node | None = None
+    for start in finding.starts[:starts]:
+        child = search.fit((*node.effects, finding.effect), node, start, rough=True)
+        if child is not None and (best is None or child.fit.cost < best.fit.cost):
+            best = child
+    if best is None or best.fit.cost > node.fit.cost:
+        # The projection, which knows slopes only, led astray: from near absence no fit can fail.
+        again = search.fit((*node.effects, finding.effect), node, near_absence(finding.effect, finding.starts[0]), rough=True)
+        best = again if again is not None and again.fit.cost <= node.fit.cost else None
+    return best
+
+
+def near_absence(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:
+    """A start with a hundredth of its distance from the effect's absence."""
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    near = {name: absent.get(name, value) + (0.01 * (value - absent[name]) if name in absent else 0.0) for name, value in start.items()}
+    return {name: value if np.isfinite(value) else start[name] for name, value in near.items()}
+
+
+def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
+    """An event moved a little to both sides: its time has local optima where the motion has died out."""
+    if not is_event(effect):
+        return child
+    name = full_name(effect, effect.onset)  # type: ignore[attr-defined]
+    values = child.values
+    at = values.own[0].get(name, values.shared.get(name))
+    if at is None:
+        return child
+    for shift in SHIFTS:
+        moved = search.fit(child.effects, child, {name: at + shift}, rough=True)
+        if moved is not None and moved.fit.cost < child.fit.cost - 0.5:
+            child = moved
+    return child
+
+
+def _from_child(search: Search, node: Node, child: Node) -> Node:
+    """The parent, fitted again from the child's values where it has effects: part of a gain may be a better optimum of its own."""
+    if not node.effects or is_forced(node.system):
+        return node
+    again = search.fit(node.effects, child, rough=True)
+    if again is None or again.fit.cost >= node.fit.cost - 0.5:
+        return node
+    search.keep(again, search.score(node) - 2.0 * (node.fit.cost - again.fit.cost))
+    return again
+
+
+def _present(node: Node, effect: Effect) -> bool:
+    """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
+    onset = getattr(effect, "onset", "")
+    for problem, found in zip(node.fit.layout.problems, _quantities_by_record(node, effect), strict=True):
+        inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
+        if inside and _stands_out(effect, found):
+            return True
+    return False
+
+
+def _price(search: Search, node: Node, finding: Finding) -> float:
+    return search.settings.accept + finding.parameters * float(np.log(node.fit.counts.sum()))
+
+
+def _excluded(node: Node, effect: Effect) -> bool:
+    """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
+    return any(twin in node.names for twin in same_sensor_twins(effect.name))
+
+
+def same_sensor_twins(name: str) -> tuple[str, ...]:
+    """The other name for one late sensor: the lag of a channel for its delay and the other way round; empty for anything else."""
+    kind, _, channel = name.partition(":")
+    twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
+    return (f"{twin}:{channel}",) if twin is not None else ()
+
+
+def _candidate(number: int, node: Node, finding: Finding, child: Node | None, gain: float, others: tuple[str, ...]) -> Candidate:
+    from scipy.special import chdtrc
+
+    effect = finding.effect
+    if child is None:
+        local = {full_name(effect, item.name): item for item in effect.parameters}
+        found = {
+            local[name].name: Quantity(value, abs(value) or 1.0, local[name].unit) for name, value in finding.starts[0].items() if local[name].free
+        }
+    else:
+        found = quantities(child, effect)
+    plausible = getattr(effect, "plausible", {})
+    believed = all(plausible[name][0] <= quantity.value <= plausible[name][1] for name, quantity in found.items() if name in plausible)
+    p_value = float(chdtrc(finding.parameters, max(2.0 * gain, 0.0)))
+    return Candidate(number, node.names, effect.name, float(gain), p_value, child is not None, believed, found, None, others)

@@ -1,0 +1,183 @@
+"""Forward search with a beam, then a look back: which set of effects explains the records best.
+
+An addition counts only if it lowers the score by more than the best of all candidates does on noise. At the end each
+effect has to show that it is still needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.process_noise.innovations_model import is_forced
+from ident.tracing.candidate_model.fitted_model import Node, Values, fit_set, guards_among
+from ident.tracing.diagnosis import Step
+from ident.tracing.selection.criterion import is_coloured_throughout, is_white
+from ident.tracing.selection.expansion import expand, with_random_motion
+from ident.tracing.selection.search import Search
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Refinable
+
+GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
+DOMINANT = 3.0  # times what the best single cause brings: random motion that brings so much is no stand-in for a cause
+
+
+def first_round(search: Search, root: Node) -> list[Node]:
+    """The best sets of one effect, a beam of them."""
+    search.keep(root, root.criterion)
+    return [freer_form(search, node) for node in _best(search, expand(search, root, 1))]
+
+
+def defies(root: Node, first: Sequence[Node]) -> bool:
+    """Whether neither the declared model nor any single effect comes anywhere near noise in any channel of any record."""
+    return all(is_coloured_throughout(node, GROSSLY) for node in (root, *first))
+
+
+def grow(search: Search, root: Node, first: Sequence[Node]) -> Node:
+    """Add effects round by round to the sets of the first one; returns the best node found.
+
+    The best set is extended first. Where nothing can be added to it and its residual is white the search is over: a
+    second-best set is looked at only as long as something is missing from the best. Random motion takes in whatever has
+    a cause, so it is offered only where no single cause leaves noise.
+    """
+    beam = list(first)
+    moving: list[Node] = []
+    if not any(is_white(node) for node in beam):
+        moving = with_random_motion(search, root, 1)
+        most = max((search.score(root) - search.score(node) for node in beam), default=0.0)
+        plain = [node for node in moving if is_white(node) or search.score(root) - search.score(node) > DOMINANT * most]
+        beam = _best(search, [*beam, *plain])
+    for number in range(2, search.settings.depth + 1):
+        children: list[Node] = []
+        for place, node in enumerate(beam):
+            found = expand(search, node, number)
+            children += found
+            if place == 0 and (is_white(node) if not found else is_forced(node.system) and any(is_white(child) for child in found)):
+                break
+        beam = [freer_form(search, node) for node in _best(search, children)]
+        if number == 2 and not any(is_white(node) for node in (*first, *beam)):
+            # Random motion with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
+            together = _moving(search, first, 2) or [child for node in moving for child in expand(search, node, 2)]
+            beam = _best(search, [*beam, *together])
+        if not beam:
+            break
+    return _best_found(search)
+
+
+def _best_found(search: Search) -> Node:
+    """The set of lowest score; where that leaves no noise, the best of those that do.
+
+    Scores of events and of random motion do not compare: unevenness is charged to the one only.
+    """
+    best = min(search.nodes.values(), key=search.score)
+    if is_white(best, search.settings.white):
+        return best
+    white = [node for node in search.nodes.values() if is_white(node, search.settings.white) and not guards_among(node.names)]
+    return min(white, key=search.score, default=best)
+
+
+def hopeless(search: Search, node: Node) -> bool:
+    """Whether a set leaves colour throughout several records, which random motion does not take in either.
+
+    That is asked of the shortest record alone: what it does not explain there it does not explain anywhere.
+    """
+    if len(search.records) < 2 or is_forced(node.system) or not is_coloured_throughout(node, GROSSLY):
+        return False
+    values = node.values
+    shortest = min(range(len(search.records)), key=lambda r: len(search.records[r]))
+    records, masks = [search.records[shortest]], [search.masks[shortest]]
+    start = Values(values.shared, (values.own[shortest],), (values.states[shortest],))
+    for effect in search.candidates:
+        if isinstance(effect, NoiseEffect):
+            moved = fit_set(records, search.model, (*node.effects, effect), search.outputs, search.roughly, masks, 0.0, start)
+            if moved is not None and is_white(moved, GROSSLY):
+                return False
+    return True
+
+
+def extended(search: Search, root: Node, node: Node) -> Node:
+    """A set that was found by other means, extended like those of the search, with half of its means anew."""
+    search.spent = min(search.spent, 0.5 * search.settings.budget)
+    search.keep(node, search.score(root) - search.gain(root, node))
+    best = freer_form(search, search.nodes[frozenset(node.names)])
+    while len(best.effects) < search.settings.depth and not is_white(best):
+        number = len(best.effects) + 1
+        # Random motion first: one fit tells whether it is all that is missing.
+        children = _moving(search, [best], number) or expand(search, best, number)
+        if not children:
+            break
+        best = freer_form(search, min(children, key=search.score))
+    return best
+
+
+def _moving(search: Search, nodes: Sequence[Node], number: int) -> list[Node]:
+    """The nodes with random motion, as far as that leaves noise."""
+    return [moved for node in nodes for moved in with_random_motion(search, node, number) if is_white(moved)]
+
+
+def _best(search: Search, nodes: list[Node]) -> list[Node]:
+    """The best different sets, as many as the beam is wide."""
+    unique = {frozenset(node.names): node for node in nodes}
+    return sorted(unique.values(), key=search.score)[: search.settings.beam]
+
+
+def look_back(search: Search, node: Node) -> Node:
+    """Drop each effect whose removal costs less than an addition has to bring; try to extend once more after a drop."""
+    best = node
+    while len(best.effects) > 1:
+        smaller = []
+        for effect in best.effects:
+            rest = tuple(other for other in best.effects if other.name != effect.name)
+            key = frozenset(other.name for other in rest)
+            # From the set's own values: the node kept from the way up may stand in a worse optimum.
+            again, kept = search.fit(rest, best), search.nodes.get(key)
+            known = [node for node in (again, kept) if node is not None]
+            if not known:
+                continue
+            without = min(known, key=lambda node: node.fit.cost)
+            loss = search.gain(without, best)
+            if loss < search.settings.accept:
+                smaller.append((loss, without, effect.name))
+        if not smaller:
+            return best
+        loss, without, name = min(smaller, key=lambda item: item[0])
+        search.keep(without, search.score(best) + loss)
+        search.steps.append(
+            Step(without.names, search.score(without), without.fit.log_likelihood, f"{name} is no longer needed (it brings {loss:.1f})")
+        )
+        best = without
+        for child in expand(search, best, len(best.effects) + 1):
+            if search.score(child) < search.score(best):
+                best = child
+    return best
+
+
+def refined(search: Search, node: Node) -> Node:
+    """The same set fitted to the end, in its freer form where that brings enough; as it is where no channel is anywhere near noise."""
+    if is_coloured_throughout(node, GROSSLY):
+        return node
+    again = search.fit(node.effects, node)
+    best = again if again is not None and again.fit.cost <= node.fit.cost + 1e-6 else node
+    score = search.score(node) - 2.0 * (node.fit.cost - best.fit.cost)
+    search.nodes[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
+    return freer_form(search, best, least=0.0)
+
+
+def freer_form(search: Search, node: Node, least: float = 1e-3) -> Node:
+    """The set with an effect in its freer form, of the same name, where that brings as much as an addition has to.
+
+    Tried before anything is added to a set whose residual is not white (whose whiteness has a p-value below ``least``,
+    always where that is zero): what a plain form leaves would be taken for a further effect.
+    """
+    if search.exhausted or (least > 0.0 and is_white(node, least)):
+        return node
+    best, score = node, search.score(node)
+    for position, effect in enumerate(node.effects):
+        if not isinstance(effect, Refinable):
+            continue
+        finer = search.fit((*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
+        if finer is not None and search.gain(best, finer) > search.settings.accept:
+            gain = search.gain(best, finer)
+            search.steps.append(Step(finer.names, score - gain, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {gain:.1f}"))
+            best, score = finer, score - gain
+    search.nodes[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
+    return best

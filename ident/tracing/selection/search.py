@@ -1,0 +1,95 @@
+"""What one search knows and gathers on its way: fitted nodes, their scores, steps, evidence, and how much it may still spend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ident.process_noise.innovations_model import is_forced
+from ident.tracing.candidate_model.fitted_model import Node, fit_set, levels_of
+from ident.tracing.diagnosis import Candidate, Step
+from ident.tracing.selection.criterion import few_samples, unevenness
+from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness, silent
+from ident.whole_record.layout import FitSettings
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
+from sim.record import Record
+
+FORCED = 4.0  # a fit with process noise costs as much as so many without
+UNIT = 100.0  # iterations times unknowns of a small fit
+USUAL = 1500.0  # samples of a record whose fits count once
+
+
+@dataclass(eq=False)
+class Search:
+    """What one search knows and gathers on its way: fitted nodes, their scores, steps and evidence.
+
+    A node's score is that of its parent less the gain, see ``gain``; the root's is its criterion. ``beside`` are records that will be
+    predicted: only the ranges they fly through are used. ``totals`` and ``misfits`` are of sets weighed on held-out data too: score, and
+    twice the cost alone.
+    """
+
+    records: Sequence[Record]
+    model: Model
+    candidates: Sequence[Effect]
+    outputs: Sequence[str]
+    settings: TraceSettings
+    masks: Sequence[np.ndarray]
+    progress: Callable[[str, float], None]
+    nodes: dict[frozenset[str], Node] = field(default_factory=dict)
+    scores: dict[frozenset[str], float] = field(default_factory=dict)
+    expanded: set[frozenset[str]] = field(default_factory=set)
+    steps: list[Step] = field(default_factory=list)
+    evidence: list[Candidate] = field(default_factory=list)
+    totals: dict[frozenset[str], float] = field(default_factory=dict)
+    misfits: dict[frozenset[str], float] = field(default_factory=dict)
+    beside: Sequence[Record] = ()
+    witness: Witness = silent
+    spent: float = 0.0
+
+    def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
+        """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
+        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
+        values, levels = (None, None) if start is None else (start.values, levels_of(start))
+        node = fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
+        if node is not None:
+            work = (node.fit.iterations + 2) * len(node.fit.theta) / UNIT * self._length
+            self.spent += work * FORCED if is_forced(node.system) else work
+        return node
+
+    @property
+    def roughly(self) -> FitSettings:
+        """How a set is fitted that is only compared: twice the step moves no output of an aircraft by a hundredth of its noise."""
+        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
+
+    @property
+    def _length(self) -> float:
+        """How much more than a usual record there is to fit."""
+        return max(1.0, sum(len(record) for record in self.records) / USUAL)
+
+    def gain(self, parent: Node, child: Node) -> float:
+        """By how much an addition lowers the score: twice the log-likelihood gain over the unevenness, less its price."""
+        price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
+        brought = 2.0 * (parent.fit.cost - child.fit.cost)
+        if is_forced(child.system):
+            # Innovations are of variance one whatever the likelihood: there is no saying which samples brought the gain.
+            return brought / (unevenness(parent, child) if is_forced(parent.system) else 1.0) - price
+        spread = brought * (1.0 - few_samples(parent, child)) + 0.5 * self.settings.accept
+        return min(brought / unevenness(parent, child), spread) - price
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the search has fitted as much as it may: a residual that defies the library must not take for ever."""
+        return self.spent >= self.settings.budget
+
+    def keep(self, node: Node, score: float) -> None:
+        """Remember a node, the better one where a set was fitted twice."""
+        key = frozenset(node.names)
+        if key not in self.nodes or score < self.scores[key]:
+            self.nodes[key], self.scores[key] = node, score
+
+    def score(self, node: Node) -> float:
+        return self.scores[frozenset(node.names)]

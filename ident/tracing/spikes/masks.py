@@ -1,0 +1,134 @@
+"""Wrong samples on the way through the loop: masks while searching, claims at the end, recorded inputs mended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.process_noise.filter_error import noise_levels
+from ident.tracing.candidate_model.fitted_model import Node, is_event
+from ident.tracing.diagnosis import Claim, Quantity, Step
+from ident.tracing.selection.search import Search
+from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
+from ident.tracing.validation.held_out import HeldOut
+from sim.declaration.effect import full_name
+from sim.record import Channel, Record
+
+NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off
+
+
+def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray]:
+    """Validity of the samples of each record, ``(m, N)``."""
+    return [record.output_array(outputs)[1] for record in records]
+
+
+def spike_masks(search: Search, node: Node) -> list[np.ndarray]:
+    """Provisional masks from a node's residuals: what stands alone above its neighbours is set aside while searching."""
+    masks = []
+    for problem, line, record in zip(node.fit.layout.problems, node.fit.lines, search.records, strict=True):
+        measured = record.output_array(search.outputs)[1]
+        residual = np.where(measured, problem.z - line.y, 0.0)
+        masks.append(measured & provisional_mask(residual, measured, input_edges(record)))
+    return masks
+
+
+def spike_claims(search: Search, node: Node) -> tuple[list[np.ndarray], list[Claim]]:
+    """Final masks, rebuilt from zero on the node's residuals, and the spikes to claim."""
+    measured = measured_masks(search.records, search.outputs)
+    residuals = [
+        np.where(valid, problem.z - line.y, 0.0) for valid, problem, line in zip(measured, node.fit.layout.problems, node.fit.lines, strict=True)
+    ]
+    blocked = [_near_events(node, r, record) for r, record in enumerate(search.records)]
+    masks, spikes = final_spikes(search.records, search.outputs, residuals, measured, blocked)
+    units = {signal.name: signal.unit for signal in node.system.outputs}
+    by_channel: dict[str, list[Spikes]] = {}
+    for spike in spikes:
+        by_channel.setdefault(spike.channel, []).append(spike)
+    claims = [_claim(f"sensor-spikes:{channel}", found, units[channel], _sigma(node, channel)) for channel, found in by_channel.items()]
+    return [mask & valid for mask, valid in zip(masks, measured, strict=True)], claims
+
+
+def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray] | None:
+    """Validity of held-out samples without what stands alone above its neighbours; None where the fit failed."""
+    if out.frozen is None:
+        return None
+    masks = []
+    for residual, problem, record in zip(out.frozen.residuals, out.frozen.layout.problems, records, strict=True):
+        masks.append(problem.valid & provisional_mask(residual, problem.valid, input_edges(record)))
+    return masks
+
+
+def mended_inputs(record: Record, claims: Sequence[str]) -> Record:
+    """A held-out record with spikes of those inputs mended that were claimed to have some."""
+    for channel in record.inputs:
+        if f"sensor-spikes:{channel.name}" in claims:
+            record = _mended(record, channel.name, input_spikes(channel.values))
+    return record
+
+
+def cleaned_inputs(search: Search, root: Node) -> tuple[Search, Node, list[Claim]]:
+    """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit better, and claimed."""
+    claims: list[Claim] = []
+    for name in root.system.input_names:
+        found = [input_spikes(record[name].values) for record in search.records]
+        if not any(samples.size for samples in found):
+            continue
+        records = [_mended(record, name, samples) for record, samples in zip(search.records, found, strict=True)]
+        trial = replace(search, records=records)
+        node = trial.fit((), root)
+        if node is None:
+            continue
+        brought = 2.0 * (root.fit.cost - node.fit.cost)
+        if brought > search.settings.accept:
+            spikes = [
+                Spikes(r, name, tuple(samples.tolist()), tuple((record[name].values - mended[name].values)[samples].tolist()))
+                for r, (record, mended, samples) in enumerate(zip(search.records, records, found, strict=True))
+                if samples.size
+            ]
+            unit = root.system.inputs[root.system.input_names.index(name)].unit
+            claims.append(_claim(f"sensor-spikes:{name}", spikes, unit, max(float(np.ptp(search.records[0][name].values)) * 1e-3, 1e-12)))
+            trial.steps.append(Step((), node.criterion, node.fit.log_likelihood, f"spikes of {name} mended: twice the likelihood gain {brought:.1f}"))
+            search, root = trial, node
+    return search, root, claims
+
+
+def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
+    if not samples.size:
+        return record
+    values = record[name].values.copy()
+    values[samples] = 0.5 * (values[samples - 1] + values[samples + 1])
+    old = record[name]
+    return replace(record, inputs=tuple(Channel.of(name, old.unit, values) if c.name == name else c for c in record.inputs))
+
+
+def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Claim:
+    sizes = np.array([size for spike in spikes for size in spike.sizes])
+    count = len(sizes)
+    size = float(np.sqrt(np.mean(sizes**2)))
+    parameters = {
+        "count": Quantity(float(count), 0.5, "1"),
+        "size": Quantity(size, sigma / np.sqrt(count), unit),
+    }
+    records = tuple(sorted({spike.record for spike in spikes}))
+    text = f"{count} isolated sample(s) of the channel are wrong, by {size:.3g} {unit} (root mean square); they were set aside in every fit"
+    return Claim(name, parameters, (), True, records, text)
+
+
+def _sigma(node: Node, channel: str) -> float:
+    return float(noise_levels(node.fit)[channel])
+
+
+def _near_events(node: Node, r: int, record: Record) -> np.ndarray:
+    """True near the onset, and the end, of a fitted event of a record."""
+    blocked = np.zeros(len(record), dtype=bool)
+    own, shared = node.values.own[r], node.values.shared
+    for effect in node.effects:
+        if not is_event(effect):
+            continue
+        known = {item.name: own.get(full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)) for item in effect.parameters}
+        onset = known[effect.onset]  # type: ignore[attr-defined]
+        for edge in (onset, onset + known.get("duration", 0.0)):
+            blocked |= np.abs(record.time - edge) < NEAR_EVENT
+    return blocked

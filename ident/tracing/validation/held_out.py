@@ -1,0 +1,257 @@
+"""Data that were not fitted: what a node predicts there, and whether what remains is noise.
+
+Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one record are fitted),
+for the errors that are reported; and one with everything else under the Gaussian knowledge that training left,
+for the verdict, since frozen values reject right sets whose parameters trade off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.process_noise.innovations_model import is_forced
+from ident.statistics.information import inverse_information
+from ident.statistics.residuals import ResidualTest, ljung_box
+from ident.tracing.candidate_model.fitted_model import (
+    Node,
+    Values,
+    belongs_to_record,
+    carried,
+    compiled_with,
+    fit_as_declared,
+    fit_set,
+    free_names,
+    levels_of,
+)
+from ident.tracing.diagnosis import Candidate, ErrorFigures
+from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.score_test import screen
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.layout import Prior, lay_out
+from sim.declaration.effect import Effect
+from sim.record import Record
+
+LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below
+LITTLE = 0.05  # of the best candidate's gain
+DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A node on records that were not fitted: the frozen fit and the one under the training's knowledge."""
+
+    frozen: Fit | None
+    informed: Fit | None
+
+
+def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] | None, *, informed: bool = True) -> HeldOut:
+    """Fit a node's model to other records, frozen and, if wanted, informed.
+
+    What belongs to one record (events, drifts) is looked for anew in each: an event of the training record need not be there.
+    """
+    shared = node.values.shared
+    frozen = _fit_other(node, records, masks, shared, None)
+    if not informed:
+        return HeldOut(None if frozen is None else frozen.fit, None)
+    freer = _fit_other(node, records, masks, shared, training_prior(node))
+    if freer is not None and not is_forced(node.system) and doubted(HeldOut(None, freer.fit)):
+        nearer = _fit_other(node, records, masks, shared, prior) if (prior := _prior_where_both_meet(node, freer, masks)) is not None else None
+        freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
+    if freer is not None and any(belongs_to_record(effect) for effect in node.effects):
+        # Where the freer fit found an event, the frozen one may have missed it.
+        again = _fit_set(node, node.effects, records, masks, shared, None, freer, {})
+        tries = [each for each in (frozen, again) if each is not None]
+        frozen = min(tries, key=lambda each: each.fit.cost, default=None)
+    return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
+
+
+def with_held_out_change(
+    evidence: Sequence[Candidate],
+    nodes: Mapping[frozenset[str], Node],
+    before: HeldOut,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+) -> list[Candidate]:
+    """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
+
+    What was weighed on held-out data already keeps its change. Events are left out: they would have to be looked for anew in each
+    held-out record; and so are those that bring little beside another.
+    """
+    most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
+    done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
+
+    def level(names: frozenset[str]) -> float | None:
+        if names not in done:
+            node = nodes.get(names)
+            usable = node is not None and not any(belongs_to_record(effect) for effect in node.effects)
+            fit = held_out(node, records, masks, informed=False).frozen if usable and node is not None else None
+            done[names] = None if fit is None or before.frozen is None else (fit.cost - before.frozen.cost) / float(fit.counts.sum())
+        return done[names]
+
+    out = []
+    for candidate in evidence:
+        if candidate.held_out_change is not None:
+            out.append(candidate)
+            continue
+        names = frozenset(candidate.within)
+        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > LITTLE * most else None
+        base = level(names) if after is not None else None
+        change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
+        out.append(replace(candidate, held_out_change=change))
+    return out
+
+
+def doubted(out: HeldOut) -> bool:
+    """Whether what remains on held-out data under training's knowledge is hardly noise."""
+    if out.informed is None:
+        return False
+    return min((test.p_value for test in whiteness(out.informed, "held out")), default=1.0) < DOUBT
+
+
+def _fit_other(
+    node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] | None, shared: Mapping[str, float], prior: Prior | None
+) -> Node | None:
+    """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
+    own = [effect for effect in node.effects if belongs_to_record(effect)]
+    present = [effect for effect in node.effects if not belongs_to_record(effect)]
+    best = _fit_set(node, present, records, masks, shared, prior, None, {})
+    for effect in own:
+        if best is None:
+            return None
+        starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], occasion_at(best)) for start in found.starts[:2]]
+        tries = [_fit_set(node, [*present, effect], records, masks, shared, prior, best, start) for start in [*starts, node.values.own[0]]]
+        present = [*present, effect]
+        best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+    return best
+
+
+def _fit_set(
+    node: Node,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    shared: Mapping[str, float],
+    prior: Prior | None,
+    from_node: Node | None,
+    start: Mapping[str, float],
+) -> Node | None:
+    """The node's set, or a part of it, on other records: shared parameters frozen, or free under a prior."""
+    settings = replace(node.fit.layout.settings, iterations=40, tolerance=1e-3)
+    full, system = compiled_with(node.declared, effects, node.system.output_names)
+    known = {name: value for name, value in shared.items() if name in system.parameters}
+    parameters = system.parameters.with_values(known)
+    system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
+    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+    layout = lay_out(records, system, settings, local=local, masks=masks)
+    begin, guesses = carried(layout, None if from_node is None else from_node.values, start)
+    layout = lay_out(records, system, settings, local=local, masks=masks, start=begin)
+    if prior is not None:
+        layout = replace(layout, prior=prior)
+    # A free simulation has no filter; under training's knowledge the random motion is that of training.
+    fit = fit_whole_records(layout, guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(node))
+    return None if fit is None else Node(tuple(effects), node.declared, full, system, fit, 0.0, 0)
+
+
+def training_prior(node: Node) -> Prior:
+    """What training says of the shared parameters: nuisances of its records are projected out."""
+    fit, n = node.fit, len(node.fit.layout.shared)
+    normal, _ = fit.normal_equations()
+    covariance, _ = inverse_information(normal, fit.theta)
+    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
+    return Prior(np.arange(n), fit.theta[:n].copy(), information)
+
+
+def _prior_where_both_meet(node: Node, freer: Node, masks: Sequence[np.ndarray] | None) -> Prior | None:
+    """What training says of the shared parameters about the point at which it meets the held-out records; None where no such point is found.
+
+    Training may leave open a curved line of parameters, such as a limit times a derivative: its Gaussian holds near its own optimum only.
+    """
+    trained, other = node.fit.layout.problems, freer.fit.layout.problems
+    values = Values(node.values.shared, (*node.values.own, *freer.values.own), (*node.values.states, *freer.values.states))
+    records = [problem.record for problem in (*trained, *other)]
+    valid = [*(problem.valid for problem in trained), *(masks if masks is not None else (problem.valid for problem in other))]
+    settings = replace(node.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
+    both = fit_set(records, node.declared, node.effects, node.system.output_names, settings, valid, 0.0, values)
+    if both is None:
+        return None
+    fit, n = both.fit, len(both.fit.layout.shared)
+    normal, gradient = np.zeros((len(fit.theta),) * 2), np.zeros(len(fit.theta))
+    for r, problem in enumerate(fit.layout.problems[: len(trained)]):
+        at = fit.layout.columns(r)
+        J = fit.jacobians[r].reshape(-1, len(at))
+        weight = np.where(problem.valid, 1.0 / node.fit.variance[:, None], 0.0).ravel()
+        normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
+        gradient[at] += J.T @ (weight * fit.residuals[r].ravel())
+    own = n + len(trained) * fit.layout.own
+    inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
+    covariance, _ = inverse_information(inside, fit.theta[:own])
+    step = np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0] / scale
+    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
+    return Prior(np.arange(n), fit.theta[:n] + step[:n], information)
+
+
+def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
+    """Free simulation at every row of a record, ``(m, N)``; the mean of the measurement where the fit failed."""
+    if fit is not None:
+        rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
+        return np.array([rows[name] for name in channels])
+    return np.array([np.full(len(record), float(record[name].values[record[name].valid].mean())) for name in channels])
+
+
+def error_figures(predictions: Sequence[np.ndarray], records: Sequence[Record], masks: Sequence[np.ndarray], channels: Sequence[str]) -> ErrorFigures:
+    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples set aside left out."""
+    rmse, nrmse, r2, theil = {}, {}, {}, {}
+    for i, name in enumerate(channels):
+        pairs = [
+            (p[i][mask[i]], record[name].values[mask[i]])
+            for p, record, mask in zip(predictions, records, masks, strict=True)
+            if name in record.output_names
+        ]
+        p, z = np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+        if z.size == 0:
+            continue
+        error = float(np.sqrt(np.mean((z - p) ** 2)))
+        spread = float(np.std(z))
+        rmse[name] = error
+        nrmse[name] = error / spread if spread > 0 else 0.0
+        r2[name] = 1.0 - (error / spread) ** 2 if spread > 0 else 0.0
+        size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(p**2)))
+        theil[name] = error / size if size > 0 else 0.0
+    return ErrorFigures(rmse, nrmse, r2, theil)
+
+
+def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
+    """Ljung-Box and low-frequency power of every channel of every record of a fit."""
+    tests = []
+    many = len(fit.layout.problems) > 1
+    for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
+        where = f", {label}{f' record {r + 1}' if many else ''}"
+        for i, name in enumerate(fit.layout.system.output_names):
+            if np.count_nonzero(problem.valid[i]) < 20:
+                continue
+            box = ljung_box(residual[i], problem.valid[i], name + where)
+            tests += [box, low_frequency_power(residual[i], problem.valid[i], problem.record.time, name + where)]
+    return tests
+
+
+def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str) -> ResidualTest:
+    """Is there more power below 4 Hz than white noise of the same total has? Chi-squared of the periodogram's sum."""
+    from scipy.special import betainc
+
+    series = np.where(valid, residual, 0.0)
+    n = len(series)
+    interval = (time[-1] - time[0]) / (n - 1)
+    power = np.abs(np.fft.rfft(series)) ** 2
+    low = np.fft.rfftfreq(n, interval) <= LOW_FREQUENCY
+    low[0] = False
+    k, rest = int(low.sum()), int((~low).sum()) - 1
+    if k < 3 or rest < 3:
+        return ResidualTest("low-frequency-power", channel, 1.0, 1.0, "the whole band lies below 4 Hz")
+    share = float(power[low].sum() / max(power[1:].sum(), 1e-300))
+    # Sums of independent exponentials: the share is beta distributed.
+    p_value = float(1.0 - betainc(k, rest, min(share, 1.0)))
+    ratio = share * (k + rest) / k
+    return ResidualTest("low-frequency-power", channel, ratio, max(p_value, 0.0), f"{ratio:.2f} times the power of white noise below 4 Hz")

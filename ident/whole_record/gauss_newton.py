@@ -1,0 +1,209 @@
+"""Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit.
+
+The cost is minus the log likelihood that the layout's weighing gives (each output's noise variance concentrated out,
+0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is accepted on the defect-corrected
+residual, see `ident.whole_record.linearise`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.estimate import Outcome
+from ident.filters.history import LARGEST
+from ident.statistics.information import conditional_scale
+from ident.whole_record.layout import ROUNDING, FitLayout
+from ident.whole_record.linearise import Linearisation, linearise
+from ident.whole_record.noise_model import Weighed
+
+_REMEMBERED = 4  # steps whose change of gradient is used
+_LEAST_DAMPING = 1e-4  # where noise levels are unknowns: less is of no use, and would have to be undone after a step too far
+_NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
+_LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit, finished or on its way.
+
+    Attributes
+    ----------
+    theta : ``(n,)`` unknowns in the order of the layout.
+    lines : outputs and sensitivities of each record. weighed : residuals and sensitivities as those of independent samples.
+    counts : ``(m,)`` samples. cost : see above.
+    """
+
+    layout: FitLayout
+    theta: np.ndarray
+    guesses: tuple[np.ndarray, ...]
+    lines: tuple[Linearisation, ...]
+    weighed: Weighed
+    counts: np.ndarray
+    cost: float
+    outcome: Outcome = Outcome.MAX_ITERATIONS
+    iterations: int = 0
+
+    @property
+    def residuals(self) -> tuple[np.ndarray, ...]:
+        """Independent residuals ``(m, N)`` a record, zero where a sample is missing: measured minus fitted, or whitened."""
+        return self.weighed.residuals
+
+    @property
+    def jacobians(self) -> tuple[np.ndarray, ...]:
+        """Sensitivities ``(m, N, c)`` of each record that go with ``residuals``."""
+        return self.weighed.jacobians
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Variance of ``residuals``, ``(m,)``: of each output's noise, or ones where they are whitened."""
+        return self.weighed.variance
+
+    def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
+        """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent samples of variance one."""
+        return self.layout.weighing.whiten(self.layout, self.weighed, r, columns)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the data, Gaussian, at the estimated variances; the prior's term included."""
+        return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``; worked out once, not to be written to."""
+        return self._equations
+
+    @cached_property
+    def _equations(self) -> tuple[np.ndarray, np.ndarray]:
+        n = len(self.theta)
+        normal, gradient = np.zeros((n, n)), np.zeros(n)
+        prior = self.layout.prior
+        if prior is not None:
+            normal[np.ix_(prior.positions, prior.positions)] += prior.information
+            gradient[prior.positions] += prior.information @ (prior.mean - self.theta[prior.positions])
+        further = self.layout.weighing.further(self.layout, self.theta, self.lines, self.weighed)
+        if further is not None:
+            gradient += further[0]
+            normal += further[1]
+        for r, (problem, residual) in enumerate(zip(self.layout.problems, self.residuals, strict=True)):
+            at = self.layout.columns(r)
+            weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0).ravel()
+            J = self.jacobians[r].reshape(-1, len(at))
+            normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
+            gradient[at] += J.T @ (weight * residual.ravel())
+        return normal, gradient
+
+
+def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
+    """Minimise the cost from ``layout.start``; None when not even the start has a finite cost.
+
+    ``guesses`` are trajectories to begin with, from the measured channels when None. Outcomes: ``CONVERGED`` or
+    ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
+    """
+    settings = layout.settings
+    begun = layout.guesses(layout.start) if guesses is None else guesses
+    fit = evaluate(layout, layout.start, begun)
+    if fit is None and guesses is None and layout.problems:
+        return None
+    if fit is None:
+        fit = evaluate(layout, layout.start, layout.guesses(layout.start))
+        if fit is None:
+            return None
+    damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    normal, gradient = fit.normal_equations()
+    curved = bool(layout.weighing.names)
+    floor = _LEAST_DAMPING if curved else 1e-12
+    moves: list[tuple[np.ndarray, np.ndarray]] = []
+    while done < settings.iterations:
+        done += 1
+        scale = conditional_scale(normal, fit.theta)
+        pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
+        moving = (np.diag(normal) > 0) & ~pressed
+        scaled, slope = normal * np.outer(scale, scale), scale * gradient
+        low, high = layout.weighing.reach(layout, fit.theta)
+        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), low, high)
+        trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
+        if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
+            settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
+            before, fit, damping = fit, trial, max(damping / 10.0, floor)
+            if np.all(settled) or before.cost - fit.cost < settings.enough:
+                outcome = Outcome.CONVERGED
+                break
+            expected, after = fit.normal_equations()
+            if curved and before.cost - fit.cost < _NEAR:
+                moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
+            normal, gradient = _with_curvature(expected, moves), after
+        else:
+            damping *= 10.0
+            if damping > 1e8:
+                # No descent is left: at the optimum if the undamped step says so too.
+                undamped = np.max(np.abs(_damped_solution(scaled, slope, 1e-12, moving)), initial=0.0)
+                outcome = Outcome.CONVERGED if undamped < 10.0 * settings.tolerance else Outcome.MAX_ITERATIONS
+                break
+    return replace(joined_up(fit), outcome=outcome, iterations=done)
+
+
+def evaluate(layout: FitLayout, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
+    """Cost, residuals and sensitivities at ``theta``; None where they are not finite."""
+    lines, residuals = [], []
+    with np.errstate(all="ignore"):
+        for r, problem in enumerate(layout.problems):
+            line = linearise(problem, *layout.split(theta, r), guesses[r])
+            if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
+                return None
+            lines.append(line)
+            residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
+        counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
+        weighed = layout.weighing.weigh(layout, theta, lines, residuals, counts)
+    if weighed is None:
+        return None
+    cost = weighed.cost
+    if layout.prior is not None:
+        away = theta[layout.prior.positions] - layout.prior.mean
+        cost += 0.5 * float(away @ layout.prior.information @ away)
+    return Fit(layout, theta, tuple(guesses), tuple(lines), weighed, counts, cost)
+
+
+def joined_up(fit: Fit) -> Fit:
+    """The same parameters with a trajectory that obeys the equations to rounding: what the last step left is squared away.
+
+    A fit that only compares models has a cost, of second order in the gap, that need not be as exact.
+    """
+    closed = 1e-13 if fit.layout.settings.enough == 0.0 else 1e-6
+    for _ in range(3):
+        gap = max(np.max(np.abs(line.states - guess), initial=0.0) for line, guess in zip(fit.lines, fit.guesses, strict=True))
+        size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
+        again = evaluate(fit.layout, fit.theta, [line.states for line in fit.lines]) if gap > closed * size else None
+        if again is None:
+            break
+        fit = again
+    return fit
+
+
+def _carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
+    """Trajectory guesses at other parameters, by the sensitivities of this point."""
+    step = theta - fit.theta
+    return [np.array(line.states + line.by_state @ step[fit.layout.columns(r)]) for r, line in enumerate(fit.lines)]
+
+
+def _with_curvature(information: np.ndarray, moves: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Expected information changed so that it maps recent steps to the changes of gradient they brought (BFGS).
+
+    Where noise levels are unknowns the expected information alone converges slowly.
+    """
+    for step, change in moves:
+        pressed = information @ step
+        work, seen = float(step @ change), float(step @ pressed)
+        if work > _LEAST_CURVATURE * seen > 0.0:
+            information = information + np.outer(change, change) / work - np.outer(pressed, pressed) / seen
+    return information
+
+
+def _damped_solution(scaled: np.ndarray, slope: np.ndarray, damping: float, moving: np.ndarray) -> np.ndarray:
+    """Step in scaled units; what rests at a bound, or has no influence, stays."""
+    out = np.zeros(len(slope))
+    at = np.flatnonzero(moving)
+    out[at] = np.linalg.solve(scaled[np.ix_(at, at)] + damping * np.eye(len(at)), slope[at])
+    return out

@@ -1,0 +1,209 @@
+"""Layout of a whole-record fit: which unknowns there are, which record sees which, how the data are weighed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.whole_record.first_guess import known_states
+from ident.whole_record.linearise import RecordProblem, guess_states, record_problem
+from ident.whole_record.noise_model import WHITE, Weighing
+from sim.declaration.parameters import Parameter
+from sim.declaration.system import System
+from sim.errors import ModelError
+from sim.record import Record
+
+ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a whole-record fit runs.
+
+    Attributes
+    ----------
+    max_step : longest integration sub-step, s.
+    iterations : limit of accepted and rejected steps together.
+    tolerance : the fit has settled when a step moves no parameter by more than this share of its sigma.
+    use_priors : add the Gaussian priors of parameters and initial states to the cost.
+    coloured : correct the covariance for residuals that are not white.
+    enough : the fit also ends when a step lowers the cost by less than this: for comparing models it need not be lower.
+    exact : derivatives by complex steps; ten times dearer than differences, which are good to a millionth.
+    """
+
+    max_step: float = 0.01
+    iterations: int = 60
+    tolerance: float = 1e-3
+    use_priors: bool = False
+    coloured: bool = True
+    enough: float = 0.0
+    exact: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Gaussian knowledge of some unknowns: ``mean (k,)`` and ``information (k, k)`` at ``positions`` of theta."""
+
+    positions: np.ndarray
+    mean: np.ndarray
+    information: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class FitLayout:
+    """The unknowns of a fit: shared parameters, then for each record its local parameters and initial states.
+
+    Attributes
+    ----------
+    problems : the records laid out. shared, local : names of parameters. starts : positions of free initial states.
+    start, low, high : of all unknowns, ``(n,)``. order : positions of shared and local among the System's parameters.
+    prior : None where no unknown has one. used : ``(m,)`` outputs with at least one sample.
+    smallest : ``(m,)`` variance below which an output is exact to rounding.
+    weighing : the model of what is random in the data; its own unknowns stand behind all others.
+    """
+
+    system: System
+    settings: FitSettings
+    problems: tuple[RecordProblem, ...]
+    shared: tuple[str, ...]
+    local: tuple[str, ...]
+    starts: tuple[int, ...]
+    order: tuple[int, ...]
+    start: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    prior: Prior | None
+    used: np.ndarray
+    smallest: np.ndarray
+    weighing: Weighing = WHITE
+
+    @property
+    def own(self) -> int:
+        """Unknowns that each record has for itself."""
+        return len(self.local) + len(self.starts)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns; those of one record carry its number from 1 where there are several records."""
+        mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
+        many = len(self.problems) > 1
+        each = (f"{name}, record {r + 1}" if many else name for r in range(len(self.problems)) for name in mine)
+        return (*self.shared, *each, *self.weighing.names)
+
+    def columns(self, r: int) -> np.ndarray:
+        """Positions in theta of the unknowns that record ``r`` sees."""
+        return np.concatenate([np.arange(len(self.shared)), len(self.shared) + r * self.own + np.arange(self.own)])
+
+    def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]:
+        """All parameters and the initial state of record ``r``."""
+        mine = theta[self.columns(r)]
+        p, x0 = self.system.parameters.values(), self.system.initial.values()
+        p[list(self.order)] = mine[: len(self.order)]
+        x0[list(self.starts)] = mine[len(self.order) :]
+        return p, x0
+
+    def guesses(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Trajectory guesses from the measured channels, one a record."""
+        return [guess_states(problem, *self.split(theta, r)) for r, problem in enumerate(self.problems)]
+
+
+def lay_out(
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings,
+    *,
+    local: Collection[str] = (),
+    masks: Sequence[np.ndarray] | None = None,
+    start: np.ndarray | None = None,
+    weighing: Weighing | None = None,
+) -> FitLayout:
+    """Lay out a fit of one or several records.
+
+    Parameters
+    ----------
+    local : further parameters, besides ``bias_*``, of which each record has its own.
+    masks : ``(m, N)`` a record, False where a sample is set aside; None uses all that are valid.
+    start : ``(n,)`` all unknowns; from the System and the first samples when None. Those of the weighing may be left out.
+    weighing : white noise with concentrated variances when None.
+
+    Raises
+    ------
+    ModelError : a record without any of the outputs, or nothing to estimate.
+    """
+    parameters, initial = system.parameters, system.initial
+    for record in records:
+        if not any(name in record.output_names for name in system.output_names):
+            raise ModelError(f"it has none of the outputs {', '.join(system.output_names)}", where=record.name, remedy="name or map its columns")
+    recorded = {name for record in records for name in record.output_names}
+    free = [n for n in parameters.free_names if not (n.startswith("bias_") and n.removeprefix("bias_") not in recorded)]
+    apart = {name for name in free if name.startswith("bias_") or name in local}
+    shared, own = tuple(n for n in free if n not in apart), tuple(n for n in free if n in apart)
+    starts = tuple(i for i, item in enumerate(initial) if item.free)
+    if not free and not starts:
+        raise ModelError("no parameter is free", where=f"model with {', '.join(parameters.names)}", remedy="release at least one")
+    order = tuple(parameters.index(name) for name in (*shared, *own))
+    problems = tuple(
+        record_problem(record, system, settings.max_step, order, starts, valid=None if masks is None else masks[r], exact=settings.exact)
+        for r, record in enumerate(records)
+    )
+    mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
+    items = [parameters[name] for name in shared] + mine * len(records)
+    low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
+    weighing = weighing or WHITE
+    low, high = np.concatenate([low, weighing.low]), np.concatenate([high, weighing.high])
+    first = np.array([*(item.value for item in items), *weighing.start], dtype=float)
+    if start is None and not settings.use_priors:
+        _seed_initial_states(first, records, system, starts, len(shared), len(own))
+    if start is not None:
+        first = np.concatenate([start, first[len(start) :]])
+    first = np.clip(first, low, high)
+    size = np.array([max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems) for i in range(len(system.outputs))])
+    return FitLayout(
+        system,
+        settings,
+        problems,
+        shared,
+        own,
+        starts,
+        order,
+        first,
+        low,
+        high,
+        _declared_prior(items) if settings.use_priors else None,
+        np.array([any(np.any(problem.valid[i]) for problem in problems) for i in range(len(system.outputs))]),
+        np.maximum(ROUNDING * size, 1e-30) ** 2,
+        weighing,
+    )
+
+
+def reweighed(layout: FitLayout, weighing: Weighing, start: np.ndarray | None = None, settings: FitSettings | None = None) -> FitLayout:
+    """The same unknowns and data under another model of what is random; ``start`` of all unknowns but the weighing's own."""
+    n = len(layout.start) - len(layout.weighing.names)
+    first = layout.start[:n] if start is None else start
+    return replace(
+        layout,
+        settings=settings or layout.settings,
+        start=np.concatenate([first, weighing.start]),
+        low=np.concatenate([layout.low[:n], weighing.low]),
+        high=np.concatenate([layout.high[:n], weighing.high]),
+        weighing=weighing,
+    )
+
+
+def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
+    known = [i for i, item in enumerate(items) if math.isfinite(item.prior_std)]
+    if not known:
+        return None
+    information = np.diag([items[i].prior_std ** -2 for i in known])
+    return Prior(np.array(known), np.array([items[i].value for i in known]), information)
+
+
+def _seed_initial_states(theta: np.ndarray, records: Sequence[Record], system: System, starts: Sequence[int], shared: int, local: int) -> None:
+    for r, record in enumerate(records):
+        known = known_states(record, system)
+        for c, i in enumerate(starts):
+            if i in known:
+                theta[shared + r * (local + len(starts)) + local + c] = known[i][1][0]

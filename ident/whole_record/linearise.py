@@ -1,0 +1,244 @@
+"""A whole record linearised at once: outputs and all their sensitivities about a trajectory guess.
+
+Every node interval is integrated at the same time, for the base and one complex-step column a state and
+parameter; one banded triangular solve then joins the intervals. The guess need not obey the equations:
+its defects are corrected to first order by the same solve (a multiple-shooting Gauss-Newton step with
+the intermediate states condensed out; Bock 1981). For equations linear in the states one correction is
+exact, and at convergence the trajectory equals the sequential simulation to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ident.whole_record.first_guess import known_states
+from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
+from sim.declaration.system import System
+from sim.maths.elementary import COMPLEX_STEP
+from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
+from sim.propagation.integrate import Step, rk4_step
+from sim.record import Record
+
+INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
+
+
+@dataclass(frozen=True, eq=False)
+class RecordProblem:
+    """A record laid out for whole-record fits: ``z``, ``valid`` ``(m, N)``, grid, and the columns wanted.
+
+    ``free`` are positions of the wanted parameters among all, ``starts`` those of the wanted initial states; ``moving`` are
+    those of ``free`` that act in the dynamics. ``exact`` differentiates by complex steps, else by forward differences
+    of ``increment (np,)``: a few times cheaper, good to about a millionth. ``drive`` is kept where no parameter moves it.
+    """
+
+    record: Record
+    system: System
+    grid: Grid
+    z: np.ndarray
+    valid: np.ndarray
+    free: tuple[int, ...]
+    starts: tuple[int, ...]
+    moving: tuple[int, ...]
+    increment: np.ndarray
+    exact: bool
+    drive: Drive | None
+    step: Step = rk4_step
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Outputs and sensitivities at a point.
+
+    ``y (m, N)`` of the defect-corrected trajectory; ``jacobian (m, N, c)`` by the wanted parameters, then the wanted
+    initial states; ``states (nx, K + 1)`` at the nodes, defect-corrected; ``by_state (nx, K + 1, c)``.
+    """
+
+    y: np.ndarray
+    jacobian: np.ndarray
+    states: np.ndarray
+    by_state: np.ndarray
+
+
+def record_problem(
+    record: Record,
+    system: System,
+    max_step: float,
+    free: Sequence[int],
+    starts: Sequence[int],
+    *,
+    valid: np.ndarray | None = None,
+    exact: bool = True,
+    step: Step = rk4_step,
+) -> RecordProblem:
+    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask."""
+    z, measured = record.output_array(system.output_names)
+    grid, recorded = _recorded(record, system.input_names, max_step)
+    items = [system.parameters.items[index] for index in free]
+    sizes = [abs(item.value) or (item.prior_std if np.isfinite(item.prior_std) else 1.0) for item in items]
+    acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
+    drive = None
+    if not system.input_parameters.intersection(item.name for item in items):
+        drive = _driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
+    mask = measured if valid is None else measured & valid
+    increment = INCREMENT * np.array(sizes, dtype=float)
+    return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)
+
+
+@lru_cache(maxsize=16)  # a search lays out the same few records hundreds of times
+def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple[Grid, Drive]:
+    grid = make_grid(record.time, max_step)
+    return grid, recorded_drive(record.input_array(inputs), record.time, record.hold, grid)
+
+
+def _driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
+    return drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
+
+
+def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
+
+    Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
+    """
+    system, grid, record = problem.system, problem.grid, problem.record
+    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system).items()}
+    if len(measured) == len(system.states):
+        return np.array([measured[i] for i in range(len(measured))])
+    drive = _driven_by(record, system, p, grid)
+    stages = [[row.tolist() for row in stage] for stage in drive.stages]
+    x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
+    times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
+    for k in range(len(grid.nodes)):
+        for i, values in measured.items():
+            x[i] = float(values[k])
+        out[:, k] = x
+        if k < len(grid.nodes) - 1:
+            for s in range(k * grid.substeps, (k + 1) * grid.substeps):
+                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
+                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
+                    x = problem.step(system.f, times[s], x, u, p, steps[s])
+    return np.nan_to_num(np.clip(out, -1e12, 1e12))
+
+
+def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray) -> Linearisation:
+    """Outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a trajectory guess.
+
+    One batch with the base in column 0, then a column a state, then one a parameter that acts in the dynamics. A column's numbers
+    stand side by side in memory, ``(c, K)``: whatever is the same for all columns then meets long rows.
+    """
+    n_x, n_p, moving = len(problem.system.states), len(problem.free), list(problem.moving)
+    by_parameter, by_state = _increments(problem, guess)
+    width = 1 + n_x + len(moving)
+    columns = {position: 1 + n_x + column for column, position in enumerate(moving)}
+    X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
+    X[:] = guess[:, None, :-1]
+    X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
+    driven = _drive(problem, p, by_parameter)
+    reached = cross_intervals(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))[-1]
+    ends = stacked(reached, X.shape[1:])
+    base = ends[:, 0].real
+    A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
+    B = np.zeros((n_x, n_p, guess.shape[1] - 1))
+    B[:, moving] = _slopes(problem, ends[:, 1 + n_x :], base, by_parameter[moving])
+    corrections = join_intervals(A, B, base - guess[:, 1:], problem.starts, x0 - guess[:, 0])
+    states, sensitivity = guess + corrections[:, 0], corrections[:, 1:]
+    steps = np.concatenate([by_parameter, by_state[list(problem.starts)]])
+    y, jacobian = _outputs(problem, p, driven, states, sensitivity, steps)
+    return Linearisation(y, np.ascontiguousarray(jacobian.swapaxes(1, 2)), states, sensitivity.swapaxes(1, 2))
+
+
+def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Steps by which each parameter and each state is moved to differentiate."""
+    if problem.exact:
+        return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
+    size = np.sqrt(np.mean(guess**2, axis=1))
+    return problem.increment, INCREMENT * np.where(size > 0, size, 1.0)
+
+
+def _slopes(problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did not move."""
+    return moved.imag / COMPLEX_STEP if problem.exact else (moved - base[..., None, :]) / steps[:, None]
+
+
+def _shifted(problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int) -> list[Any]:
+    """Parameters as rows: a column's own parameter moved there, all else as it is."""
+    rows: list[Any] = p.tolist()
+    for position, column in columns.items():
+        row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
+        row[column] += steps[position]
+        rows[problem.free[position]] = row
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Driven:
+    """Inputs at the vehicle; ``acting`` are positions of the wanted parameters that move them, each with a column behind the base's."""
+
+    drive: Drive
+    acting: tuple[int, ...]
+
+    def spread(self, columns: Mapping[int, int], width: int) -> Drive:
+        """The same with a column for each of the batch's, of which ``columns`` tells where a parameter's own stands: rows ``(c, M)``."""
+        if not self.acting:
+            return self.drive
+        take = np.zeros(width, dtype=int)
+        for column, q in enumerate(self.acting):
+            if q in columns:
+                take[columns[q]] = 1 + column
+        return changed_rows(self.drive, lambda row: row.T[take] if np.ndim(row) == 2 else row)
+
+
+def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
+    """The input path is run once for the base and once a parameter that acts on it."""
+    if problem.drive is not None:
+        return _Driven(problem.drive, ())
+    system = problem.system
+    acting = tuple(q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters)
+    few = _shifted(problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting))
+    return _Driven(_driven_by(problem.record, system, few, problem.grid), acting)
+
+
+def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:
+    """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K + 1)``.
+
+    ``A (nx, nx, K)`` with the state it starts from in the middle, ``B (nx, np, K)``, ``defects (nx, K)``.
+    """
+    from scipy.linalg.lapack import dtbtrs
+
+    n_x, n_p, intervals = B.shape
+    size, width = (intervals + 1) * n_x, 2 * n_x
+    band = np.zeros((width, size))
+    band[0] = 1.0
+    columns = np.arange(intervals) * n_x
+    for i in range(n_x):
+        for j in range(n_x):
+            band[n_x + i - j, columns + j] = -A[i, j]
+    right = np.zeros((1 + n_p + len(starts), intervals + 1, n_x))
+    right[0, 0] = first
+    right[0, 1:] = defects.T
+    right[1 : 1 + n_p, 1:] = B.transpose(1, 2, 0)
+    for column, i in enumerate(starts):
+        right[1 + n_p + column, 0, i] = 1.0
+    solution, _ = dtbtrs(band, right.reshape(-1, size).T, uplo="L", diag="U", overwrite_b=True)
+    return solution.T.reshape(right.shape).transpose(2, 0, 1)
+
+
+def _outputs(
+    problem: RecordProblem, p: np.ndarray, driven: _Driven, states: np.ndarray, by_state: np.ndarray, steps: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs at the samples and their derivatives ``(m, c, N)`` along each column of ``by_state (nx, c, K + 1)``."""
+    c = 1 + len(steps)
+    columns = {position: 1 + position for position in range(len(problem.free))}
+    rows_p, drive = _shifted(problem, p, columns, steps, c), driven.spread(columns, c)
+    X = np.empty((len(states), c, states.shape[1]), dtype=np.result_type(states, steps))
+    X[:, 0] = states
+    X[:, 1:] = states[:, None] + by_state * steps[:, None]
+    apart = [0, *(1 + position for position in problem.moving), *range(1 + len(problem.free), c)]
+    full = sample_outputs(problem, rows_p, list(X), drive, apart)
+    base = full[:, 0].real.copy()
+    return base, _slopes(problem, full[:, 1:], base, steps)

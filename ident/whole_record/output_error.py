@@ -1,0 +1,96 @@
+"""Output-error fit: maximum likelihood without process noise, over one or several whole records.
+
+Maine and Iliff, NASA RP-1138; Jategaonkar, Flight Vehicle System Identification, ch. 4. Parameters are
+shared by all records; initial states and the parameters named local belong to one record each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.history import LARGEST
+from ident.statistics.coloured_covariance import corrected_covariance
+from ident.statistics.information import inverse_information
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from sim.declaration.system import System
+from sim.errors import ModelError
+from sim.record import Record
+
+METHOD = "output-error"
+__all__ = ["FitSettings", "fit_output_error"]
+
+
+def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None) -> Estimate:
+    """Fit the free parameters of a System to records by whole-record simulation.
+
+    Parameters
+    ----------
+    records : one or more; each has its own initial state and its own ``bias_*`` parameters.
+    system : not compiled on line; bounds, and with ``use_priors`` priors, from its declaration.
+
+    Returns
+    -------
+    Estimate of the shared free parameters; biases and initial states are nuisances, projected out of the covariance.
+    Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
+    cost was found, ``MAX_ITERATIONS`` when it had not settled.
+
+    Raises
+    ------
+    ModelError : a record without any of the outputs, or nothing to estimate.
+    """
+    layout = lay_out(records, system, settings or FitSettings())
+    if not layout.shared:
+        raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
+    fit = fit_whole_records(layout)
+    return failed_estimate(layout) if fit is None else estimate_of(fit)
+
+
+def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
+    """Covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the settings say, and whether all are determined."""
+    normal, _ = fit.normal_equations()
+    inverse, determined = inverse_information(normal, fit.theta)
+    if not fit.layout.settings.coloured:
+        return inverse, determined
+    layout = fit.layout
+    parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
+    return corrected_covariance(inverse, parts, fit.variance), determined
+
+
+def estimate_of(fit: Fit) -> Estimate:
+    """The shared parameters of a fit as an Estimate."""
+    layout, n = fit.layout, len(fit.layout.shared)
+    covariance, determined = fit_covariance(fit)
+    return Estimate(
+        METHOD,
+        layout.shared,
+        tuple(layout.system.parameters[name].unit for name in layout.shared),
+        fit.theta[:n].copy(),
+        covariance[:n, :n],
+        fit.outcome if determined else Outcome.NOT_IDENTIFIABLE,
+        fit.log_likelihood,
+        layout.system.output_names,
+        np.sqrt(fit.variance),
+        tuple(line.y for line in fit.lines),
+        iterations=fit.iterations,
+    )
+
+
+def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
+    """The start of a layout with sigmas as large as itself, for a fit that found no finite cost."""
+    theta = layout.start[: len(layout.shared)]
+    return Estimate(
+        method,
+        layout.shared,
+        tuple(layout.system.parameters[name].unit for name in layout.shared),
+        theta.copy(),
+        np.diag(np.maximum(1.0, theta**2)),
+        Outcome.DIVERGED,
+        -LARGEST,
+        layout.system.output_names,
+        np.ones(len(layout.used)),
+        tuple(np.zeros_like(problem.z) for problem in layout.problems),
+    )
