@@ -32,9 +32,9 @@ KINDS = {
 
 def fly(name: str, folder: Path) -> tuple[list[Path], Path, Path]:
     """Training records, held-out record and vehicle file of a tracing scenario."""
-    from scenarios.library import load_document
-    from scenarios.tracing.flights import fly_trace, write_flown
-    from scenarios.tracing.schema import trace_scenario_of
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.planted.flights import fly_trace, write_flown
+    from scenarios.trials.planted.schema import trace_scenario_of
 
     folder.mkdir()
     scenario = trace_scenario_of(*load_document(name))

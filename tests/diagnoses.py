@@ -11,9 +11,9 @@ import numpy as np
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, FittedRecord, Prediction, Quantity, Step, Verdict
 from ident.tracing.verdict import not_noise
-from scenarios.diagnosing import InputFile, Inputs, Tracing
+from scenarios.diagnosis.diagnose import InputFile, Inputs, Tracing
 from scenarios.files.vehicles import VehicleFile
-from scenarios.vehicle_models import model_of_file
+from scenarios.preparation.vehicle_model import model_of_file
 from sim.record import Channel, Hold, Record
 
 NOISE = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012, "altitude": 6.0}

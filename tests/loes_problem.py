@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scenarios.loes_filter import loes_filter_system
+from scenarios.identification.low_order_filter import loes_filter_system
 from sim.declaration.system import System, compile_model
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants

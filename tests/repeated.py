@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import run_bank
-from scenarios.declaration import Estimation, Scenario
-from scenarios.estimating import compiled, declared_model, filter_settings, vehicle_constants
-from scenarios.flying import fly_scenario
-from scenarios.run import assumed_noise, references
+from scenarios.studies.declaration import Estimation, Scenario
+from scenarios.studies.estimating import compiled, declared_model, filter_settings, vehicle_constants
+from scenarios.studies.flying import fly_scenario
+from scenarios.studies.study import assumed_noise, references
 from sim.truth.flight import remeasure
 
 

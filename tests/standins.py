@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from scenarios.standin.declaration import OPTIONAL, Causes, FlightLine, Hidden, StandIn
+from scenarios.trials.standin.declaration import OPTIONAL, Causes, FlightLine, Hidden, StandIn
 
 DEGREE = math.pi / 180.0
 NOISE = {"alpha": 0.001, "q": 0.001, "nz": 0.006, "theta": 0.001, "airspeed": 0.3, "dynamic_pressure": 40.0, "ax": 0.02}

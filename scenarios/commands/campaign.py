@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaigns import Campaign, Spread, fly_campaign
 from scenarios.commands.failures import named_after
+from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 
 
 def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
-    from scenarios.library import load_scenario, scenario_file, scenario_kind
+    from scenarios.studies.catalogue import load_scenario, scenario_file, scenario_kind
 
     if scenario_kind(name) == "standin":
         from scenarios.commands.standin import standin_campaign
@@ -33,7 +33,7 @@ def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, chang
 def _print(campaign: Campaign) -> None:
     from rich.table import Table
 
-    from scenarios.printing import console, number
+    from scenarios.studies.text import console, number
 
     terminal = console()
     seeds = campaign.seeds
@@ -52,9 +52,9 @@ def _print(campaign: Campaign) -> None:
 
 
 def _write(campaign: Campaign, out: Path) -> None:
-    from scenarios.comparing import versions
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import write_json
+    from scenarios.studies.comparison import versions
 
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.check_text import print_check
-from scenarios.checking import check_files
+from scenarios.compatibility.check import check_files
+from scenarios.compatibility.text import print_check
 from scenarios.preparation.plan import Plan
 
 
@@ -21,7 +21,7 @@ def check_records(
     """Read, check, write the study, print."""
     found = check_files(records, vehicle, channels, plan)
     if out is not None:
-        from scenarios.check_files import write_check
+        from scenarios.compatibility.files import write_check
 
         write_check(found, out, figures=figures)
     print_check(found)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.figure_process import figure_process
-from scenarios.progress import progress_bar
+from scenarios.diagnosis.report.figure_process import figure_process
+from scenarios.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan
@@ -27,13 +27,13 @@ def diagnose_records(
     """Read, trace, write the study, print."""
     with figure_process(figures and out is not None) as process, progress_bar() as progress:
         # Loaded while the second process already starts.
-        from scenarios.diagnosing import diagnose_files
-        from scenarios.diagnosis_text import diagnosis_text
-        from scenarios.text_tables import terminal_width
+        from scenarios.diagnosis.diagnose import diagnose_files
+        from scenarios.diagnosis.report.text import diagnosis_text
+        from scenarios.terminal.plain_tables import terminal_width
 
         tracing = diagnose_files(records, model, vehicle, validate, effects, channels, plan, progress)
         if out is not None:
-            from scenarios.diagnosis_files import write_diagnosis
+            from scenarios.diagnosis.report.files import write_diagnosis
 
             progress("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, process=process)

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.comparing import estimate_content, versions
-from scenarios.identifying import METHODS, Identification, identify
+from scenarios.identification.identify import METHODS, Identification, identify
 from scenarios.preparation.plan import Plan
+from scenarios.studies.comparison import estimate_content, versions
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
@@ -33,7 +33,7 @@ def identify_record(
     from scenarios.files.vehicles import read_vehicle
     from scenarios.preparation.plausibility import refuse_degrees, refuse_still
     from scenarios.preparation.reading import prepare
-    from scenarios.vehicle_models import model_of_file
+    from scenarios.preparation.vehicle_model import model_of_file
 
     if model not in MODELS:
         raise DeclarationError(f"there is no model {model!r}", where="--model", remedy=f"use one of {', '.join(MODELS)}")
@@ -84,7 +84,7 @@ def _write(found: Identification, measured: Sequence[Record], path: Path, out: P
             write_record(scratch, record, "record" if number == 1 else f"record_{number}")
         _spare_inputs(scratch, out, path)
         if figures:
-            from scenarios.study_figures import draw_identification
+            from scenarios.studies.figures import draw_identification
 
             draw_identification(found, measured[0], scratch)
         write_json(scratch / "comparison.json", identification_content(found, path))
@@ -106,8 +106,8 @@ def _print(found: Identification) -> None:
     from rich.table import Table
 
     from ident.tracing.diagnosis import Quantity
-    from scenarios.effect_wording import determined, displayed
-    from scenarios.printing import console, derived_line, number, test_line
+    from scenarios.diagnosis.report.wording import determined, displayed
+    from scenarios.studies.text import console, derived_line, number, test_line
 
     estimate, terminal = found.estimate, console()
     for record in (found.record, *found.others):

@@ -14,7 +14,7 @@ COLUMNS = 80  # of a terminal, which a list fits
 
 def list_scenarios() -> None:
     """Scenarios, one line each."""
-    from scenarios.library import scenario_names, scenario_title
+    from scenarios.studies.catalogue import scenario_names, scenario_title
 
     names = scenario_names()
     width = max(len(name) for name in names)
@@ -24,7 +24,7 @@ def list_scenarios() -> None:
 
 def show_scenario(name: str) -> None:
     """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy to edit."""
-    from scenarios.library import scenario_text
+    from scenarios.studies.catalogue import scenario_text
 
     print(scenario_text(name), end="")
 
@@ -61,7 +61,7 @@ def show_effects(name: str | None) -> None:
 
 def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
-    from scenarios.printing import console
+    from scenarios.studies.text import console
     from sim.errors import DeclarationError
     from sim.vehicles.data import difference
     from sim.vehicles.library import read_parameter_set, vehicle_names

@@ -19,7 +19,7 @@ Run = Callable[[int | None, Path | None, bool], None]
 
 def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
     """Run scenarios one after the other; with several, each gets a folder of its own under ``out``."""
-    from scenarios.library import scenario_kind
+    from scenarios.studies.catalogue import scenario_kind
 
     shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
     kinds = [scenario_kind(name) for name in names]
@@ -31,21 +31,21 @@ def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, chan
 
 def _identification(name: str, changes: Sequence[str]) -> Run:
     """An identification that is loaded and can be run."""
-    from scenarios.library import load_scenario, scenario_file
+    from scenarios.studies.catalogue import load_scenario, scenario_file
 
     scenario = load_scenario(name, changes)
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.comparing import check_display
-        from scenarios.printing import console, print_study
-        from scenarios.run import run_scenario
+        from scenarios.studies.comparison import check_display
+        from scenarios.studies.study import run_scenario
+        from scenarios.studies.text import console, print_study
 
         terminal = console()
         with named_after(scenario_file(name)):
             study = run_scenario(scenario, seed)
             check_display(study)
         if folder is not None:
-            from scenarios.study_files import write_study
+            from scenarios.studies.files import write_study
 
             write_study(study, folder, figures=figures)
         print_study(study, terminal)
@@ -57,21 +57,21 @@ def _identification(name: str, changes: Sequence[str]) -> Run:
 
 def _trace(name: str, changes: Sequence[str]) -> Run:
     """A tracing scenario that is loaded and can be run."""
-    from scenarios.library import load_document, scenario_file
-    from scenarios.tracing.schema import trace_scenario_of
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.planted.schema import trace_scenario_of
 
     scenario = trace_scenario_of(*load_document(name, changes))
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.progress import progress_bar
-        from scenarios.text_tables import terminal_width
-        from scenarios.tracing.study import run_trace
-        from scenarios.tracing.text import trace_text
+        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.progress import progress_bar
+        from scenarios.trials.planted.study import run_trace
+        from scenarios.trials.planted.text import trace_text
 
         with named_after(scenario_file(name)), progress_bar() as progress:
             study = run_trace(scenario, seed, progress)
         if folder is not None:
-            from scenarios.tracing.files import write_trace
+            from scenarios.trials.planted.files import write_trace
 
             write_trace(study, folder, figures=figures)
         print(trace_text(study, terminal_width()), end="")
@@ -83,13 +83,13 @@ def _trace(name: str, changes: Sequence[str]) -> Run:
 
 def _loop(name: str, changes: Sequence[str]) -> Run:
     """A closed-loop scenario that is loaded and can be run."""
-    from scenarios.library import scenario_file
+    from scenarios.studies.catalogue import scenario_file
     from scenarios.x29.study import loop_scenario
 
     scenario = loop_scenario(name, changes)
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.printing import console
+        from scenarios.studies.text import console
         from scenarios.x29.printing import print_loop
         from scenarios.x29.study import run_loop
 
@@ -118,7 +118,7 @@ _RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {
 def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
     """Write the record of a scenario, its truth left out."""
     from scenarios.files.writing import write_record
-    from scenarios.library import scenario_kind
+    from scenarios.studies.catalogue import scenario_kind
 
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
@@ -134,7 +134,7 @@ def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[
 
 
 def _record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
-    from scenarios.library import load_scenario, scenario_file, scenario_kind
+    from scenarios.studies.catalogue import load_scenario, scenario_file, scenario_kind
 
     if scenario_kind(name) == "x29":
         from scenarios.x29.flying import fly_loop
@@ -143,7 +143,7 @@ def _record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
         loop = loop_scenario(name, changes)
         with named_after(scenario_file(name)):
             return fly_loop(loop.flight, loop.seed if seed is None else seed).record
-    from scenarios.flying import fly_scenario
+    from scenarios.studies.flying import fly_scenario
 
     scenario = load_scenario(name, changes)
     with named_after(scenario_file(name)):

@@ -11,21 +11,21 @@ from scenarios.commands.failures import named_after
 
 def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, Path | None, bool], None]:
     """A stand-in that is loaded and can be run."""
-    from scenarios.library import load_document, scenario_file
-    from scenarios.standin.schema import standin_of
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.progress import progress_bar
-        from scenarios.standin.study import run_standin
-        from scenarios.standin.text import standin_text
-        from scenarios.text_tables import terminal_width
+        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.progress import progress_bar
+        from scenarios.trials.standin.study import run_standin
+        from scenarios.trials.standin.text import standin_text
 
         with named_after(scenario_file(name)), progress_bar() as progress:
             study = run_standin(standin, seed, progress)
         if folder is not None:
-            from scenarios.standin.files import write_standin
+            from scenarios.trials.standin.files import write_standin
 
             write_standin(study, folder, figures=figures)
         print(standin_text(study, terminal_width()), end="")
@@ -38,9 +38,9 @@ def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, P
 def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
     """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., and ``record_vehicle.toml``; the truth left out."""
     from scenarios.files.writing import write_record
-    from scenarios.library import load_document, scenario_file
-    from scenarios.standin.flight import fly_standin, vehicle_text
-    from scenarios.standin.schema import standin_of
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.standin.flight import fly_standin, vehicle_text
+    from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
@@ -56,11 +56,11 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
 
 def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
-    from scenarios.library import load_document, scenario_file
-    from scenarios.progress import progress_bar
-    from scenarios.standin.campaign import fly_standin_campaign
-    from scenarios.standin.campaign_text import campaign_text, write_campaign
-    from scenarios.standin.schema import standin_of
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.terminal.progress import progress_bar
+    from scenarios.trials.standin.campaign import fly_standin_campaign
+    from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
+    from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))
     with named_after(scenario_file(name)), progress_bar() as progress:

@@ -205,7 +205,7 @@ class _Show:
     def __init__(self, watch: _Watch) -> None:
         from rich.live import Live
 
-        from scenarios.printing import console
+        from scenarios.studies.text import console
 
         self._watch, self._said, self._drawn = watch, -np.inf, 0.0
         terminal = console()
@@ -240,7 +240,7 @@ def _display(watch: _Watch) -> Iterator[_Show]:
 
 def _finished(watch: _Watch, session: Session, refine: bool) -> Outcome:
     """The refinement over all rows where it is wanted and affordable, and the last estimates against the reference."""
-    from scenarios.loes_identifying import identify_loes
+    from scenarios.identification.low_order import identify_loes
 
     bank, state, record = session.bank, session.state, record_of(session)
     assert bank is not None and state is not None
@@ -260,7 +260,7 @@ def _finished(watch: _Watch, session: Session, refine: bool) -> Outcome:
 
 
 def _print(watch: _Watch, session: Session, end: Outcome) -> None:
-    from scenarios.printing import console
+    from scenarios.studies.text import console
 
     terminal = console()
     view = replace(_view(watch, session), standings=end.standings, silent=0.0)

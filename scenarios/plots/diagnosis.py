@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.effect_wording import value_text
+from scenarios.diagnosis.report.wording import value_text
 from scenarios.plots.display import axis_label, display_unit, plain, symbol
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ident.tracing.diagnosis import Quantity
-from scenarios.diagnosis_figures import Replicated
-from scenarios.effect_wording import displayed
+from scenarios.diagnosis.report.figures import Replicated
+from scenarios.diagnosis.report.wording import displayed
 from scenarios.plots.display import display_unit, plain
 from scenarios.plots.style import BLUE, SKY, TICK_SIZE, caption, finish, folded, make_sheet, y_label
 

@@ -16,7 +16,7 @@ from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
 from scenarios.preparation.plan import WHOLE, Plan, Segment
-from scenarios.preparing import about_trim, trim_sentence
+from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.declaration.model import Model
 from sim.record import Hold, Record
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.loes_filter import PAPER_START
-from scenarios.loes_identifying import DERIVED
+from scenarios.identification.low_order import DERIVED
+from scenarios.identification.low_order_filter import PAPER_START
 from sim.closed_loop.reader import load_x29
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_CONSTANTS

@@ -17,7 +17,7 @@ from ident.banks.delays import likelihood_weights
 from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
 from ident.estimate import Estimate, Outcome
 from scenarios.files.vehicles import VehicleFile
-from scenarios.loes_identifying import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
+from scenarios.identification.low_order import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS
 from sim.declaration.system import System
 from sim.errors import RecordError

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
-from scenarios.comparing import DERIVED_UNITS, SCHEMA, estimate_content, versions
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
-from scenarios.identifying import Identification
-from scenarios.run import Row
+from scenarios.identification.identify import Identification
+from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content, versions
+from scenarios.studies.study import Row
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
 from scenarios.watching.session import Session, derived_so_far, likely_estimate

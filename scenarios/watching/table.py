@@ -13,8 +13,8 @@ from rich.text import Text
 
 from ident.estimate import Estimate
 from ident.statistics.differences import BEYOND
-from scenarios.comparing import DERIVED_UNITS
-from scenarios.printing import number
+from scenarios.studies.comparison import DERIVED_UNITS
+from scenarios.studies.text import number
 from scenarios.watching.reference import Reference
 
 _WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}

@@ -14,7 +14,7 @@ from ident.banks.single_filter import filter_alone
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_envelope import noise_envelope
-from scenarios.loes_filter import ENGINEERING_STD, loes_filter_system
+from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model
 from sim.declaration.system import System

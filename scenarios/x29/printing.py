@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.text import Text
 
 from ident.flying_qualities.handling_qualities import Level
-from scenarios.printing import console, number, test_line
-from scenarios.tables import Column, print_paragraph, print_table
+from scenarios.studies.text import console, number, test_line
+from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content
 from scenarios.x29.findings import LARGE, sentences
 from scenarios.x29.published import printed_column

@@ -22,7 +22,7 @@ class Printed:
 
 def printed_column(name: str) -> dict[str, Printed]:
     """A column of the paper's tables, SI, control derivatives with the sign turned. Raises DeclarationError when there is none."""
-    document = tomllib.loads(files("scenarios.published").joinpath(FILE).read_text(encoding="utf-8"))
+    document = tomllib.loads(files("scenarios.studies.published").joinpath(FILE).read_text(encoding="utf-8"))
     table = document["loes"]
     if name not in table:
         raise DeclarationError(f"there is no column {name!r}", where=f"published {FILE}", remedy=f"use one of {', '.join(table)}")

@@ -13,7 +13,7 @@ from ident.flying_qualities.frequency_response import estimate_response, fit_res
 from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
 from ident.statistics.differences import Comparison, compare_estimates
 from ident.statistics.residuals import ResidualTest, residual_tests
-from scenarios.library import load_document
+from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario, Variant
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, rough, set_up, started_again
 from scenarios.x29.flying import Flown, fly_loop, low_order_model

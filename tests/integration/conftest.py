@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.library import load_scenario
-from scenarios.run import run_scenario
-from scenarios.study_files import write_study
+from scenarios.studies.catalogue import load_scenario
+from scenarios.studies.files import write_study
+from scenarios.studies.study import run_scenario
 from tests.integration.command_line import VEHICLE, CommandLine
 
 

@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenarios.comparing import comparison
-from scenarios.declaration import Estimation, ManeuverPlan, Start
-from scenarios.estimating import declared_model, vehicle_constants
-from scenarios.flying import DISTANCES, true_model
-from scenarios.library import load_scenario, scenario_names, scenario_text
-from scenarios.notes import flexibility_sentences
-from scenarios.published import published_values
-from scenarios.run import MethodResult, Study, assumed_noise, run_scenario
+from scenarios.studies.catalogue import load_scenario, scenario_names, scenario_text
+from scenarios.studies.comparison import comparison
+from scenarios.studies.declaration import Estimation, ManeuverPlan, Start
+from scenarios.studies.estimating import declared_model, vehicle_constants
+from scenarios.studies.flying import DISTANCES, true_model
+from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.published import published_values
+from scenarios.studies.study import MethodResult, Study, assumed_noise, run_scenario
 from sim.vehicles.library import read_parameter_set
 from tests.oracles.cramer_rao import bound, fall_outputs, short_period_outputs
 from tests.repeated import repeat

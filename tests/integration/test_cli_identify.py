@@ -19,9 +19,9 @@ from scipy.io import savemat
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
-from scenarios.flying import fly_scenario
-from scenarios.identifying import METHODS, identify
-from scenarios.library import load_scenario
+from scenarios.identification.identify import METHODS, identify
+from scenarios.studies.catalogue import load_scenario
+from scenarios.studies.flying import fly_scenario
 from sim.record import Hold
 from tests.integration.command_line import CommandLine, contents
 

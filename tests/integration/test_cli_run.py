@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from scenarios.files.records import read_record
-from scenarios.library import load_scenario, scenario_names
-from scenarios.printing import number
+from scenarios.studies.catalogue import load_scenario, scenario_names
+from scenarios.studies.text import number
 from sim.effects.library import effect_names
 from sim.vehicles.library import vehicle_names
 from tests.integration.command_line import CommandLine, contents
@@ -206,7 +206,7 @@ def test_a_failure_while_writing_leaves_the_older_study_whole(flightid: CommandL
     def broken(*_: object) -> None:
         raise RuntimeError("in the middle")
 
-    monkeypatch.setattr("scenarios.study_files.write_history", broken)
+    monkeypatch.setattr("scenarios.studies.files.write_history", broken)
     call = flightid("run", scenario, "--no-figures", "--seed", 2, "--out", out)
     assert call.code == 1 and call.err.count("\n") == 1 and "internal error: RuntimeError: in the middle" in call.err
     assert contents(tmp_path) == before

@@ -14,7 +14,7 @@ import pytest
 
 from scenarios.cli import _each_validated, main
 from scenarios.files.writing import write_record
-from scenarios.vehicle_models import model_of_file
+from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.model import Noise
 from sim.maneuvers.steps import three_two_one_one
 from sim.truth.flight import fly, sample_times
@@ -40,7 +40,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _, _, vehicle = written_inputs(folder)
     own = folder / "my_effects.py"
     own.write_text(EXAMPLE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0])
-    from scenarios.candidates import read_effects
+    from scenarios.diagnosis.candidates import read_effects
 
     model = model_of_file(RIGID)
     bent = model.with_effects(*read_effects(own, model)).with_values({"vane-upwash.curvature": 2.0})

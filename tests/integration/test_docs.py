@@ -14,7 +14,7 @@ import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from scenarios import schema
+from scenarios.studies import schema
 from tests.integration.command_line import CommandLine
 
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.library import load_scenario
-from scenarios.run import references
+from scenarios.studies.catalogue import load_scenario
+from scenarios.studies.study import references
 from sim.vehicles.factory import flexible_model
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import held_response, linearise

@@ -10,10 +10,10 @@ import pytest
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
-from scenarios.library import load_document
-from scenarios.standin import study
-from scenarios.standin.campaign import fly_standin_campaign, shares
-from scenarios.standin.schema import standin_of
+from scenarios.studies.catalogue import load_document
+from scenarios.trials.standin import study
+from scenarios.trials.standin.campaign import fly_standin_campaign, shares
+from scenarios.trials.standin.schema import standin_of
 from sim.record import Hold
 from tests.diagnoses import tracing_of
 from tests.integration.command_line import CommandLine

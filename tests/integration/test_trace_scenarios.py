@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.library import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
-from scenarios.tracing.declaration import Expectation, TraceScenario
-from scenarios.tracing.flights import fly_trace, write_flown
-from scenarios.tracing.hiding import OWN, own_terms
-from scenarios.tracing.schema import trace_scenario_of
-from scenarios.tracing.study import Grade, grade, run_trace
+from scenarios.studies.catalogue import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
+from scenarios.trials.planted.declaration import Expectation, TraceScenario
+from scenarios.trials.planted.flights import fly_trace, write_flown
+from scenarios.trials.planted.hiding import OWN, own_terms
+from scenarios.trials.planted.schema import trace_scenario_of
+from scenarios.trials.planted.study import Grade, grade, run_trace
 from sim.effects.library import effect_names
 from sim.errors import DeclarationError
 from tests.diagnoses import tracing_of
@@ -66,8 +66,8 @@ def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
 
 
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
-    from scenarios.tracing.files import write_trace
-    from scenarios.tracing.text import trace_text
+    from scenarios.trials.planted.files import write_trace
+    from scenarios.trials.planted.text import trace_text
 
     study = run_trace(scenario("trace-nothing"))
     assert study.grade is Grade.RIGHT

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.library import scenario_names, scenario_text
+from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import not_identifiable, sentences

@@ -13,7 +13,7 @@ from ident.flying_qualities.frequency_response import estimate_response, fit_res
 from ident.flying_qualities.handling_qualities import qualities
 from ident.statistics.differences import compare_estimates
 from ident.statistics.noise_envelope import noise_envelope
-from scenarios.loes_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
+from scenarios.identification.low_order_filter import PAPER_START, SIMULATION_SHARE, loes_filter_system
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.nonlinear import fly_closed_loop

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.library import load_scenario
+from scenarios.studies.catalogue import load_scenario
 from tests.repeated import Repeated, repeat
 
 SEEDS = range(1, 201)

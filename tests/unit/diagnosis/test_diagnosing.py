@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.candidates import candidates_for, read_effects
-from scenarios.diagnosing import diagnose_files
-from scenarios.diagnosis_kinematics import Kinematics
+from scenarios.diagnosis.candidates import candidates_for, read_effects
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
-from scenarios.vehicle_models import model_of_file
+from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import FlightidError
 from sim.record import Record
 from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs
@@ -44,7 +44,7 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
         asked.append((tuple(path.name for path in paths), declared.constants["airspeed"], channels, plan))
         return Kinematics((), None, "not run")
 
-    monkeypatch.setattr("scenarios.diagnosing.kinematics_of_files", check)
+    monkeypatch.setattr("scenarios.diagnosis.diagnose.kinematics_of_files", check)
     return asked
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
-from scenarios.diagnosis_candidates import candidate_row, weighed_rows
-from scenarios.diagnosis_content import diagnosis_content
-from scenarios.diagnosis_evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis_text import SIGMA_NOTE, diagnosis_text, headline
-from scenarios.effect_wording import Wording, group_sentence
+from scenarios.diagnosis.report.candidate_tables import candidate_row, weighed_rows
+from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
+from scenarios.diagnosis.report.text import SIGMA_NOTE, diagnosis_text, headline
+from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
 from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis_files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
-from scenarios.figure_handover import packed, unpacked
-from scenarios.figure_process import draw_together, drawing, figure_process
+from scenarios.diagnosis.report.figure_handover import packed, unpacked
+from scenarios.diagnosis.report.figure_process import draw_together, drawing, figure_process
+from scenarios.diagnosis.report.files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
 from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}

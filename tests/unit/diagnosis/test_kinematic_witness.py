@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from ident.tracing.diagnosis import Quantity
-from scenarios.diagnosis_kinematics import Kinematics
-from scenarios.kinematic_witness import KinematicWitness
+from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.diagnosis.witness import KinematicWitness
 from tests.unit.diagnosis.test_kinematics import checked, estimate, finding
 
 DELAY = {"delay": Quantity(0.061, 0.002, "s")}

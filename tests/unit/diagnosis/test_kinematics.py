@@ -13,9 +13,8 @@ import pytest
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
 from ident.compatibility.result import Quantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.checking import check_files, read_any_vehicle
-from scenarios.diagnosis_content import diagnosis_content
-from scenarios.diagnosis_kinematics import (
+from scenarios.compatibility.check import check_files, read_any_vehicle
+from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,
     DIFFERS,
@@ -28,8 +27,9 @@ from scenarios.diagnosis_kinematics import (
     kinematics_of_files,
     unnamed,
 )
-from scenarios.diagnosis_text import diagnosis_text
-from scenarios.effect_wording import Wording
+from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.report.wording import Wording
 from scenarios.files.writing import json_text, write_record
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of

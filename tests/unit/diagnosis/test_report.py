@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis_kinematics import Kinematics
-from scenarios.report.diagnosis import diagnosis_page
+from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.diagnosis.report.page import diagnosis_page
 from tests.diagnoses import RIGID, proven_tracing, tracing_of
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}

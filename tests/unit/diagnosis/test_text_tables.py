@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis_text import diagnosis_text
-from scenarios.text_tables import WIDTH, table, wrapped
+from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.terminal.plain_tables import WIDTH, table, wrapped
 from tests.diagnoses import proven_tracing, tracing_of
 
 HEADS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.preparing import about_trim, trim_sentence
+from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.record import Channel, Record
 
 TIME = 0.05 * np.arange(200)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.library import load_scenario
-from scenarios.notes import elastic_frequencies, periodogram, prior_note, residual_note
-from scenarios.run import run_scenario
+from scenarios.studies.catalogue import load_scenario
+from scenarios.studies.notes import elastic_frequencies, periodogram, prior_note, residual_note
+from scenarios.studies.study import run_scenario
 from sim.vehicles.factory import flexible_model, rigid_model
 from sim.vehicles.library import read_parameter_set
 

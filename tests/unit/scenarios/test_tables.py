@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from scenarios.tables import Column, print_paragraph, print_table
+from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
 NAMES = [f"parameter_{i}" for i in range(3)]
 NUMBERS = {

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.tracing_campaigns import (
+from scenarios.trials.detection import (
     NOISE,
     SETTINGS,
     Alarm,
@@ -22,7 +22,7 @@ from scenarios.tracing_campaigns import (
     size_of,
     with_effect,
 )
-from scenarios.tracing_campaigns import _first as first_maneuver
+from scenarios.trials.detection import _first as first_maneuver
 from tests.diagnoses import tracing_of
 
 

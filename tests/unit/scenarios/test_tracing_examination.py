@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.tracing.hiding import find_term
-from scenarios.tracing_campaigns import drawn_aircraft
-from scenarios.tracing_examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
+from scenarios.trials.detection import drawn_aircraft
+from scenarios.trials.examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
+from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model
 from sim.effects.library import effect_names
 from tests.diagnoses import tracing_of

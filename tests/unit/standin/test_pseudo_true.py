@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from scenarios.preparation.airspeed import with_flow
-from scenarios.standin.declaration import MEASURED, Causes
-from scenarios.standin.drawing import Dominant, Drawn, draw, hiding
-from scenarios.standin.fitting import declared_model, estimated, fitted
-from scenarios.standin.flying import SPEED, fly_drawn, fly_draws
-from scenarios.standin.joint_fit import fit_together
-from scenarios.standin.pseudo_true import pseudo_true
+from scenarios.trials.standin.declaration import MEASURED, Causes
+from scenarios.trials.standin.drawing import Dominant, Drawn, draw, hiding
+from scenarios.trials.standin.fitting import declared_model, estimated, fitted
+from scenarios.trials.standin.flying import SPEED, fly_drawn, fly_draws
+from scenarios.trials.standin.joint_fit import fit_together
+from scenarios.trials.standin.pseudo_true import pseudo_true
 from sim.declaration.model import Model
 from sim.declaration.system import compile_model
 from sim.effects.library import find_effect

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.library import load_document, scenario_names
-from scenarios.standin.declaration import MEASURED, OPTIONAL, Causes, Hidden
-from scenarios.standin.dominant import KINDS, LEAST, group, sized
-from scenarios.standin.drawing import Dominant, Drawn, draw, hiding
-from scenarios.standin.fitting import declared_model, left_over, misfit
-from scenarios.standin.flight import fly_standin, write_flight
-from scenarios.standin.flying import fly_drawn
-from scenarios.standin.schema import standin_of
+from scenarios.studies.catalogue import load_document, scenario_names
+from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, Hidden
+from scenarios.trials.standin.dominant import KINDS, LEAST, group, sized
+from scenarios.trials.standin.drawing import Dominant, Drawn, draw, hiding
+from scenarios.trials.standin.fitting import declared_model, left_over, misfit
+from scenarios.trials.standin.flight import fly_standin, write_flight
+from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.schema import standin_of
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError

@@ -13,18 +13,18 @@ from pydantic_core import PydanticUndefined
 from scipy.stats import binom
 
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
-from scenarios.diagnosing import Tracing
-from scenarios.library import load_document, load_scenario
-from scenarios.standin import campaign, schema, study
-from scenarios.standin.campaign import Judged, Share, by_derivative, by_effect, fly_standin_campaign, shares, worsened
-from scenarios.standin.campaign_text import campaign_text
-from scenarios.standin.declaration import Causes
-from scenarios.standin.drawing import Dominant, draw, hiding
-from scenarios.standin.flight import Flight
-from scenarios.standin.flying import fly_drawn
-from scenarios.standin.schema import standin_of
-from scenarios.standin.study import Naming, StandInStudy, acts, naming, scored
-from scenarios.standin.text import standin_text
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.studies.catalogue import load_document, load_scenario
+from scenarios.trials.standin import campaign, schema, study
+from scenarios.trials.standin.campaign import Judged, Share, by_derivative, by_effect, fly_standin_campaign, shares, worsened
+from scenarios.trials.standin.campaign_text import campaign_text
+from scenarios.trials.standin.declaration import Causes
+from scenarios.trials.standin.drawing import Dominant, draw, hiding
+from scenarios.trials.standin.flight import Flight
+from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.schema import standin_of
+from scenarios.trials.standin.study import Naming, StandInStudy, acts, naming, scored
+from scenarios.trials.standin.text import standin_text
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError
 from sim.record import Record
@@ -139,7 +139,7 @@ def test_intervals_are_those_of_clopper_and_pearson() -> None:
 
 
 def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from scenarios.standin.campaign_text import write_campaign
+    from scenarios.trials.standin.campaign_text import write_campaign
 
     monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.PARTIAL))
     judged = fly_standin_campaign(replace(short(EVERY, step=0.02), draws=2), 2, 7)

@@ -23,7 +23,7 @@ from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
-from scenarios.preparing import about_trim
+from scenarios.preparation.trim import about_trim
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import fitted_to
 from sim.effects.disturbance.gust_discrete import GustDiscrete

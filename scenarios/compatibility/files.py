@@ -1,0 +1,94 @@
+"""The study folder of a check: figures, and the JSON last."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
+from scenarios.compatibility.check import Check
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json
+from scenarios.studies.comparison import versions
+
+MAIN = "compatibility.json"
+SCHEMA = "flightid/compatibility/1"
+
+
+def write_check(check: Check, folder: str | Path, *, figures: bool = True) -> Path:
+    """Write a check into ``folder``, whole or not at all; returns the folder."""
+    with study_folder(folder, MAIN) as scratch:
+        if figures and check.result.reconstructions:
+            from scenarios.plots.compatibility import figure_reconstruction
+            from scenarios.plots.files import save_figure
+
+            for number, item in enumerate(check.result.reconstructions, start=1):
+                stem = "reconstruction" if number == 1 else f"reconstruction_{number}"
+                save_figure(figure_reconstruction(item, f"{item.record}: reconstructed against measured"), scratch, stem)
+        write_json(scratch / MAIN, check_content(check))
+    return Path(folder)
+
+
+def check_content(check: Check) -> dict[str, Any]:
+    """Content of ``compatibility.json``: SI, nz in g; scales as factors."""
+    result = check.result
+    constants = {"gravity": check.settings.gravity, "vane_arm": check.settings.vane_arm}
+    return {
+        "schema": SCHEMA,
+        "channels": list(result.channels),
+        "relations": {name: list(joined) for name, joined in result.relations.items()},
+        "constants": constants | ({"airspeed": check.settings.airspeed} if check.settings.airspeed is not None else {}),
+        "joint": _result(result.joint),
+        "single": [_result(item) for item in result.single],
+        "findings": [_finding(item) for item in result.findings if item.stands],
+        "cannot_tell": list(result.cannot_tell),
+        "notes": [*check.notes, *result.notes],
+        "inputs": {
+            "records": [item.name for item in check.files],
+            "sha256": [item.sha256 for item in check.files],
+            **({"vehicle": {"name": check.vehicle.name, "sha256": check.vehicle.sha256}} if check.vehicle is not None else {}),
+        },
+        "versions": versions(),
+    }
+
+
+def _result(result: CheckResult) -> dict[str, Any]:
+    return {
+        "records": list(result.records),
+        "estimates": {item.name: _estimate(item) for item in result.estimates},
+        "biases": {item.name: _estimate(item) for item in result.biases},
+        "tested": [_finding(item) for item in result.findings],
+        "noise_std": dict(result.noise_std),
+    }
+
+
+def _estimate(item: SensorEstimate) -> dict[str, Any]:
+    return {
+        "unit": item.unit,
+        "output_error": _quantity(item.output_error),
+        "smoother": _quantity(item.smoother),
+        "difference_in_sigmas": item.difference,
+        "agrees": item.agrees,
+        "gain": item.gain,
+        "p_value": item.p_value,
+        "told": item.told,
+    }
+
+
+def _finding(item: SensorFinding) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "channel": item.channel,
+        "kind": item.kind,
+        "value": item.value,
+        "std": item.std,
+        "unit": item.unit,
+        "gain": item.gain,
+        "stands": item.stands,
+        "group": list(item.group),
+        "replicates": item.replicates,
+    }
+
+
+def _quantity(item: Quantity) -> dict[str, float]:
+    return {"value": item.value, "std": item.std}

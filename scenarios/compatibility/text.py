@@ -1,0 +1,119 @@
+"""A check in the terminal: a table of every sensor fault by both methods, then what stands and what cannot be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
+from scenarios.compatibility.check import Check
+from scenarios.studies.text import console, number
+from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+
+WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"}
+
+
+def print_check(check: Check, out: Console | None = None) -> None:
+    """Print a check: the estimates of all records together, those of the others where they differ, findings, limits."""
+    out = out or console()
+    result = check.result
+    for record in check.records:
+        print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s", indent=0)
+    for output, joined in result.relations.items():
+        print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
+    if result.joint.estimates:
+        _print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        if len(check.records) > 1:
+            _print_by_record(out, result.single, result.joint)
+        noise = ", ".join(f"{name} {std:.3g} {_unit(check, name)}" for name, std in result.joint.noise_std.items())
+        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {noise}")
+    for line in finding_lines(check):
+        print_paragraph(out, line, indent=0)
+    if result.cannot_tell:
+        print_paragraph(out, "these channels cannot tell:", indent=0)
+        for line in result.cannot_tell:
+            print_paragraph(out, line)
+    for line in (*check.notes, *result.notes):
+        print_paragraph(out, f"note: {line}", indent=0)
+
+
+def finding_lines(check: Check) -> list[str]:
+    """What stands, in sentences; and where the two methods disagree."""
+    result, lines = check.result, []
+    said: set[str] = set()
+    for finding in result.findings:
+        if finding.stands and finding.name not in said:
+            said |= {finding.name, *finding.group}
+            lines.append(f"stands: {sentence(finding)}")
+        elif not finding.replicates:
+            lines.append(f"does not replicate: {finding.name}, the records by themselves disagree")
+    if len(result.single) > 1:
+        for single in result.single:
+            drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
+            lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
+    if result.joint.estimates and not any(line.startswith("stands") for line in lines):
+        lines.append("no sensor fault stands: the channels agree with each other within their noise")
+    for item in result.joint.estimates:
+        if item.told and not item.agrees:
+            lines.append(f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: trust neither")
+    return lines
+
+
+def sentence(finding: SensorFinding) -> str:
+    """One finding with its alternatives."""
+    value = f"{number(finding.value, finding.std)} +- {number(finding.std, finding.std)}"
+    if finding.kind == "arm":
+        what = f"the vane is {value} m ahead of the centre of gravity"
+    else:
+        unit = f" {finding.unit}" if finding.kind == "drift" else ""
+        what = WORDS[finding.kind].format(finding.channel, value + unit)
+    other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
+    return f"{finding.name}, {what} (gain {finding.gain:.1f}{other})"
+
+
+def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
+    rows = [*result.biases, *result.estimates]
+    standing = {finding.name for finding in result.findings if finding.stands}
+    print_table(
+        out,
+        title,
+        [
+            Column("fault", [row.name for row in rows], left=True),
+            Column("unit", [row.unit for row in rows], left=True),
+            Column("smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]),
+            Column("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows]),
+            Column("output error", [_value(row, row.output_error.value, row.output_error.std) for row in rows]),
+            Column("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows]),
+        ],
+        [
+            Column("apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]),
+            Column("gain", [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows]),
+            Column("", ["stands" if row.name in standing else "" if row.told else "cannot tell" for row in rows], left=True),
+        ],
+    )
+
+
+def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+    """The smoother's value of every fault in each record by itself."""
+    names = [item.name for item in joint.estimates]
+    by_name = [{item.name: item for item in result.estimates} for result in single]
+    columns = [Column("each record by itself", names, left=True)]
+    for result, table in zip(single, by_name, strict=True):
+        cells = []
+        for name in names:
+            item = table.get(name)
+            told = item is not None and item.told
+            cells.append(
+                f"{number(item.smoother.value, item.smoother.std)} ± {number(item.smoother.std, item.smoother.std)}" if item and told else "-"
+            )
+        columns.append(Column(result.records[0], cells))
+    print_table(out, "", columns[:1] + columns[1:3], columns[3:])
+
+
+def _unit(check: Check, name: str) -> str:
+    return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
+
+
+def _value(row: SensorEstimate, value: float, std: float) -> str:
+    return number(value, std) if row.told else "-"

@@ -1,0 +1,188 @@
+"""The content of ``diagnosis.json``: finite numbers only, every standard deviation above zero."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.kinematics import kinematics_content
+from scenarios.diagnosis.report.evidence import record_labels, warnings_of
+from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
+from scenarios.diagnosis.report.wording import Wording, sentence
+
+SCHEMA = "flightid/diagnosis/1"
+LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
+
+
+def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
+    """Everything of a diagnosis but its time series. ``created`` is the time stamp, the one entry that differs between two runs.
+
+    A standard deviation that is not finite (the data say nothing of the parameter) is written as ``LARGEST`` and told in ``warnings``.
+    """
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    derived_before, derived_after = derived_of(d)
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "created": created,
+        "model": tracing.vehicle.model,
+        "vehicle": tracing.vehicle.name,
+        "verdict": d.verdict.value,
+        "verdict_sentence": d.verdict.sentence,
+        "headline": headline(tracing),
+        "effects": [_claim(claim, wording, record_labels(tracing)) for claim in d.effects],
+        "parameters": {"before": quantities(d.before), "after": quantities(d.after)},
+        "scatter": {name: positive(std) for name, std in d.scatter.items()},
+        "growth": {name: bounded(factor) for name, factor in d.growth.items()},
+        "derived": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_after).items()},
+        "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
+        "error": {
+            "held_out": d.held_out,
+            "unit": {name: UNITS[name] for name in d.error_before.rmse if name in UNITS},
+            "before": _errors(d.error_before),
+            "after": _errors(d.error_after),
+            "noise_floor": _finite_only(d.noise_floor),
+        },
+        "residual_tests": {"before": [_test(test) for test in d.tests_before], "after": [_test(test) for test in d.tests_after]},
+        "steps": [_step(step) for step in d.steps],
+        "candidates": [_candidate(candidate) for candidate in d.candidates],
+        "warnings": [*tracing.doubts, *warnings_of(tracing), *_undetermined(d)],
+        "notes": list(tracing.notes),
+        "advice": verdict_advice(tracing),
+        "inputs": _inputs(tracing),
+        "versions": versions(),
+    }
+    kinematics = tracing.kinematics
+    return content | ({"compatibility": kinematics_content(kinematics, d.effects, wording)} if kinematics is not None else {})
+
+
+def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
+    """Name -> value, std, unit."""
+    return {name: {"value": bounded(q.value), "std": positive(q.std), "unit": q.unit} for name, q in some.items()}
+
+
+def bounded(value: float) -> float:
+    """The number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
+    if math.isnan(value):
+        return 0.0
+    return float(min(max(value, -LARGEST), LARGEST))
+
+
+def positive(std: float) -> float:
+    """A standard deviation above zero and finite."""
+    return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on; those of packages that are loaded are read off them."""
+    found = {"python": ".".join(str(part) for part in sys.version_info[:3]), "numpy": np.__version__}
+    scipy = sys.modules.get("scipy")
+    found |= {"scipy": str(scipy.__version__)} if scipy is not None and hasattr(scipy, "__version__") else {}
+    from importlib.metadata import PackageNotFoundError, version
+
+    with contextlib.suppress(PackageNotFoundError):
+        found["flightid"] = version("flightid")
+    return found
+
+
+def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "name": claim.name,
+        "alternatives": list(claim.alternatives),
+        "parameters": quantities(claim.parameters),
+        "sentence": sentence(claim, wording),
+    }
+    out |= {} if claim.claimed else {"claimed": False}
+    out |= {"records": list(claim.records)} if claim.records else {}
+    out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}
+    return out | ({"explanation": claim.explanation} if claim.explanation else {})
+
+
+def _evidence(evidence: Evidence, records: Sequence[str]) -> dict[str, Any]:
+    """``by_record`` in the order of ``records``; derivatives under the effect itself first, then each alternative."""
+    return {
+        "error_left": bounded(evidence.error_left),
+        "error_left_std": positive(evidence.error_left_std),
+        **({"beside": list(evidence.beside)} if evidence.beside else {}),
+        "records": list(records[: len(evidence.by_record)]),
+        "by_record": [quantities(each) for each in evidence.by_record],
+        "derivatives": {member: quantities(each) for member, each in evidence.derivatives.items()},
+    }
+
+
+def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
+    """Root mean squares are there for every channel; the relative figures where they can be formed."""
+    return {
+        "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
+        "nrmse": _finite_only(figures.nrmse),
+        "r2": _finite_only(figures.r2),
+        "theil": _finite_only(figures.theil),
+    }
+
+
+def _finite_only(some: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(value) for name, value in some.items() if math.isfinite(value)}
+
+
+def _test(test: ResidualTest) -> dict[str, Any]:
+    return {
+        "name": test.name,
+        "channel": test.channel,
+        "statistic": bounded(test.statistic),
+        "p_value": bounded(test.p_value),
+        "passed": test.passed,
+        "sentence": test.sentence,
+    }
+
+
+def _step(step: Step) -> dict[str, Any]:
+    return {
+        "effects": list(step.effects),
+        "criterion": bounded(step.criterion),
+        "log_likelihood": bounded(step.log_likelihood),
+        "sentence": step.sentence,
+    }
+
+
+def _candidate(c: Candidate) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "round": c.round,
+        "within": list(c.within),
+        "name": c.name,
+        "gain": bounded(c.gain),
+        "p_value": bounded(c.p_value),
+        "fitted": c.fitted,
+        "plausible": c.plausible,
+        "parameters": quantities(c.parameters),
+        "collinear_with": list(c.collinear_with),
+    }
+    out |= {"held_out_change": bounded(c.held_out_change)} if c.held_out_change is not None else {}
+    return out | ({"remark": c.remark} if c.remark else {})
+
+
+def _undetermined(d: Diagnosis) -> list[str]:
+    names = [name for name, q in {**d.before, **d.after}.items() if not (math.isfinite(q.std) and math.isfinite(q.value))]
+    return [f"{', '.join(names)}: these data do not determine {'it' if len(names) == 1 else 'them'}"] if names else []
+
+
+def _inputs(tracing: Tracing) -> dict[str, Any]:
+    inputs = tracing.inputs
+    out: dict[str, Any] = {
+        "records": [file.name for file in inputs.records],
+        "sha256": [file.sha256 for file in inputs.records],
+        "validate": [file.name for file in inputs.validation],
+        "validate_sha256": [file.sha256 for file in inputs.validation],
+        "vehicle": inputs.vehicle.name,
+        "vehicle_sha256": inputs.vehicle.sha256,
+    }
+    if inputs.effects:
+        out |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+    out |= {"held_out": [record.name for record in tracing.validation]}
+    return out | ({"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {})

@@ -1,0 +1,162 @@
+"""Why an effect stands although what remains is not noise, in words; and what remains, condensed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
+from ident.tracing.residual_structure import Leftover, left_over
+from ident.tracing.verdict import not_noise
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.wording import CHANNELS, DEGREES, displayed, value_text, with_sigma
+
+FEW = 2  # parameters whose values are worth comparing between records
+FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
+APART = 2.0  # of both spreads together, from which a joint value and the mean of the records do not agree
+LARGEST = 1e30
+EVEN = 1.6  # times the rms, up to which no moment stands out
+
+
+def evidence_sentences(claim: Claim) -> list[str]:
+    """That an effect replicates, and by how much it lowers the error, beside which others; nothing without evidence."""
+    evidence = claim.evidence
+    if evidence is None:
+        return []
+    before = f"of what it is with {' and '.join(evidence.beside)} alone" if evidence.beside else "of what it was"
+    lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
+    count = len(evidence.by_record)
+    values = by_record_text(evidence)
+    apart = apart_text(claim)
+    if values and apart:
+        return [f"each of {count} records gives it ({values}), but {apart}; it {lowered}"]
+    if values:
+        return [f"it comes out alike from each of {count} records ({values}) and {lowered}"]
+    return [f"it helps on records that were not fitted, of {count} in all, and {lowered}" if count else f"it {lowered}"]
+
+
+def apart_text(claim: Claim) -> str:
+    """Where the value of the joint fit is not what the records say in the mean, by their scatter and both sigmas; empty where it is."""
+    told = []
+    for name, joint in claim.parameters.items():
+        each = [found[name] for found in (claim.evidence.by_record if claim.evidence is not None else ()) if name in found]
+        if len(each) < 2 or not math.isfinite(joint.std):
+            continue
+        values, sigmas = np.array([q.value for q in each]), np.minimum([q.std for q in each], LARGEST)
+        mean, scatter = float(np.mean(values)), float(max(np.std(values, ddof=1), np.sqrt(np.mean(sigmas**2))))
+        left = scatter / math.sqrt(len(values))
+        if abs(joint.value - mean) > APART * math.hypot(left, joint.std):
+            found = with_sigma(Quantity(mean, left, joint.unit), name=name)
+            told.append(f"all fitted together give {name} {with_sigma(joint, name=name)}, their mean is {found}: the two do not agree")
+    return "; ".join(told)
+
+
+def by_record_text(evidence: Evidence) -> str:
+    """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve, whose numbers trade off."""
+    names = list(evidence.by_record[0]) if evidence.by_record else []
+    if not 0 < len(names) <= FEW:
+        return ""
+    told = []
+    for name in names:
+        shown = [displayed(each[name], name) for each in evidence.by_record if name in each]
+        known = [std for _, std, _ in shown if 0.0 < std < math.inf]
+        digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
+        unit = shown[0][2] if shown[0][2] not in ("", "1") else ""
+        values = ", ".join(f"{value:.{min(digits, 6)}f}" for value, _, _ in shown)
+        told.append(f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}")
+    return "; ".join(told)
+
+
+def member_derivatives(claim: Claim, after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
+    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the members in order; none for one alone."""
+    members = claim.evidence.derivatives if claim.evidence is not None else {}
+    if len(members) < 2:
+        return []
+    return [
+        (name, _unit(after[name]), *(value_text(each[name].value, each[name].std) if name in each else "-" for each in members.values()))
+        for name in after
+        if any(name in each for each in members.values())
+    ]
+
+
+def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
+    """For each effect with alternatives: their names, and the rows of the derivatives under each of them."""
+    shown = [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
+    return [(tuple(claim.evidence.derivatives), rows) for claim, rows in shown if rows and claim.evidence is not None]
+
+
+def record_labels(tracing: Tracing) -> list[str]:
+    """All records in the order of the evidence: the fitted, then the held-out ones."""
+    fitted, held = [record.name for record in tracing.records], [record.name for record in tracing.validation]
+    return [*fitted, *(f"{name}, from {tracing.held_out_from:g} s" if tracing.held_out_from is not None else name for name in held)]
+
+
+def warnings_of(tracing: Tracing) -> list[str]:
+    """The warnings with a description of what is left in each channel, in place of long lists of tests that failed.
+
+    Where nothing stands although the last set leaves noise (a guard is in it), what the declared model leaves is described.
+    """
+    d = tracing.diagnosis
+    failed = [test for test in d.tests_after if set(not_noise([test], math.inf)).intersection(d.warnings)]
+    lines = not_noise(failed, math.inf) if len(failed) > FEW else []
+    told = [warning for warning in d.warnings if warning not in lines]
+    if failed:
+        share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
+        return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
+    if d.verdict is Verdict.UNEXPLAINED:
+        declared = [replace(item, after=item.before) for item in d.fitted]
+        open_channels = _channels([test for test in d.tests_before if not test.passed])
+        return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]
+    return told
+
+
+def _channels(tests: Sequence[ResidualTest]) -> list[str]:
+    return list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
+
+
+def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[str]) -> list[str]:
+    found = [left_over(fitted, channel) for channel in channels]
+    return [leftover_sentence(item, tracing) for item in found if item is not None]
+
+
+def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
+    """What is left in one channel: size, colour, frequency, when, and what it goes with."""
+    value, unit = (left.rms * 180.0 / math.pi, DEGREES[left.unit]) if left.unit in DEGREES else (left.rms, left.unit)
+    parts = [
+        f"left in the {_spoken(left.channel)}: rms {value:.3g} {unit}, neighbouring samples correlated by {left.correlation:.2f}",
+        f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
+    ]
+    if left.times > EVEN:
+        record = tracing.diagnosis.fitted[left.record].record.name
+        parts.append(f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} times its rms")
+    else:
+        parts.append("about alike everywhere")
+    if left.company is None:
+        return "; ".join([*parts, "goes with no input and no channel, nor their rates, squares and products"])
+    company = left.company
+    control = next(iter(tracing.records[0].input_names), "input")
+    what = FORMS[company.form].format(f"the {_spoken(company.name)}", control=control)
+    later = f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}" if abs(company.later) > 1e-9 else ""
+    return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
+
+
+def scatter_rows(scatter: Mapping[str, float], names: Sequence[str]) -> list[str]:
+    """Run-to-run scatter as a column of a table; ``-`` where it is not known."""
+    return [f"{scatter[name]:.2g}" if name in scatter else "-" for name in names]
+
+
+def scatter_text(d: Diagnosis, name: str) -> str:
+    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty where it is not known."""
+    return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
+
+
+def _spoken(name: str) -> str:
+    return CHANNELS.get(name, name.replace("_", " "))
+
+
+def _unit(quantity: Quantity) -> str:
+    return quantity.unit if quantity.unit != "1" else ""

@@ -1,0 +1,115 @@
+"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and a report to read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
+from scenarios.diagnosis.report.evidence import record_labels
+from scenarios.diagnosis.report.figure_process import Process, drawing
+from scenarios.diagnosis.report.figures import Pictured, Replicated, numbered
+from scenarios.diagnosis.report.wording import UNDETERMINED, determined
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json
+
+MAIN = "diagnosis.json"
+
+
+def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = True, process: Process | None = None) -> Path:
+    """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
+
+    Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
+    ``evidence.csv``, figures as PNG, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
+    """
+    from scenarios.diagnosis.report.page import diagnosis_page, report_template
+
+    d = tracing.diagnosis
+    with study_folder(folder, MAIN) as scratch:
+        with drawing(pictured(tracing), scratch, process) if figures else nullcontext():
+            for number, prediction in enumerate(d.predictions):
+                write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
+            for number, fitted in enumerate(d.fitted):
+                write_residuals(scratch / f"{numbered('residuals', number)}.csv", fitted)
+            write_evidence(scratch / "evidence.csv", d.candidates)
+            content = diagnosis_content(tracing, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
+            template = report_template()
+        (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
+        write_json(scratch / MAIN, content)
+    return Path(folder)
+
+
+def pictured(tracing: Tracing) -> Pictured:
+    """The part of a diagnosis that figures show, its runaway numbers bounded."""
+    d = tracing.diagnosis
+    predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
+    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
+    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, d.held_out, _replicated(tracing))
+
+
+def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
+    labels = tuple(record_labels(tracing))
+    proven = [(claim, claim.evidence.by_record) for claim in tracing.diagnosis.effects if claim.evidence is not None]
+    return tuple(Replicated(claim.name, labels[: len(each)], each, claim.parameters) for claim, each in proven if each and each[0])
+
+
+def write_prediction(path: Path, prediction: Prediction) -> None:
+    """One row for each row of the record, missing samples included: ``time``, ``before_CHANNEL``, ``after_CHANNEL``, SI (nz in g)."""
+    header = ["time", *(f"{when}_{name}" for when in ("before", "after") for name in prediction.channels)]
+    rows = np.concatenate([prediction.record.time[None, :], _bounded(prediction.before), _bounded(prediction.after)])
+    _write(path, header, ([repr(cell) for cell in row] for row in rows.T.tolist()))
+
+
+def write_residuals(path: Path, fitted: FittedRecord) -> None:
+    """Residuals of a fitted record, measured minus simulated: ``time``, then ``before_CHANNEL after_CHANNEL used_CHANNEL``.
+
+    Cells of a missing sample are empty; ``used`` is 0 where a sample is missing or was set aside.
+    """
+    header, columns = ["time"], [[repr(value) for value in fitted.record.time.tolist()]]
+    for row, name in enumerate(fitted.channels):
+        if name not in fitted.record.output_names:
+            continue
+        valid = fitted.record[name].valid
+        header += [f"before_{name}", f"after_{name}", f"used_{name}"]
+        for residual in (fitted.before[row], fitted.after[row]):
+            columns.append([repr(value) if there else "" for value, there in zip(_bounded(residual).tolist(), valid, strict=True)])
+        columns.append(["1" if used else "0" for used in (fitted.used[row] & valid).tolist()])
+    _write(path, header, zip(*columns, strict=True))
+
+
+def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
+    """Every candidate of every round, one row each; cells of what was not computed are empty."""
+    header = ["round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "collinear_with", "parameters", "remark"]
+    rows = []
+    for c in candidates:
+        held = "" if c.held_out_change is None else repr(bounded(c.held_out_change))
+        parameters = "; ".join(_cell(name, q) for name, q in c.parameters.items())
+        numbers = [repr(bounded(c.gain)), repr(bounded(c.p_value)), str(int(c.fitted)), str(int(c.plausible)), held]
+        rows.append([str(c.round), " ".join(c.within), c.name, *numbers, " ".join(c.collinear_with), parameters, c.remark])
+    _write(path, header, rows)
+
+
+def _cell(name: str, q: Quantity) -> str:
+    told = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
+    return f"{name} = {told}"
+
+
+def _bounded(values: np.ndarray) -> np.ndarray:
+    """Finite numbers: a simulation that ran away is written as large as it needs to be seen."""
+    return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
+
+
+def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")

@@ -1,0 +1,119 @@
+"""The page of a diagnosis: verdict, effects, errors, derivatives, figures, evidence; whole in one file."""
+
+from __future__ import annotations
+
+import base64
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.kinematics import kinematics_lines
+from scenarios.diagnosis.report import text
+from scenarios.diagnosis.report.candidate_tables import GUARD, candidate_rows, weighed_rows
+from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
+from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
+from scenarios.diagnosis.report.wording import parameter_text
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+TONES = {
+    Verdict.CONSISTENT: "good",
+    Verdict.TRACED: "good",
+    Verdict.PARTIAL: "fair",
+    Verdict.AMBIGUOUS: "fair",
+    Verdict.UNEXPLAINED: "open",
+}
+
+
+def report_template() -> Template:
+    """The page's template; every text that goes into it is escaped."""
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["signs"] = lambda words: words.replace("+-", "±").replace("->", "→")
+    return environment.from_string(_resource("diagnosis.html"))
+
+
+def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, template: Template | None = None) -> str:
+    """The page as HTML; the PNG files of our figures in the folder ``figures`` are put into it."""
+    from markupsafe import Markup
+
+    d = tracing.diagnosis
+    page = template or report_template()
+    return page.render(
+        style=Markup(_resource("report.css")),
+        title=f"{tracing.vehicle.name}: {d.verdict.value}",
+        tone=TONES[d.verdict],
+        verdict=d.verdict.value,
+        verdict_sentence=d.verdict.sentence,
+        subject=text.subject(tracing),
+        headline=_capital(text.headline(tracing)),
+        effects=[_effect(claim, tracing) for claim in d.effects],
+        advice=text.verdict_advice(tracing),
+        doubts=tracing.doubts,
+        warnings=[warning for warning in warnings if warning not in tracing.doubts],
+        notes=tracing.notes,
+        where=text.where_predicted(tracing),
+        errors=text.error_rows(d),
+        kinematics=_kinematics(tracing),
+        replicated=[_replicated(claim) for claim in d.effects if claim.evidence is not None],
+        replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
+        weighed=weighed_rows(d),
+        headings=text.derivative_headings(d)[2:],
+        members=member_tables(d),
+        sigma_note=text.SIGMA_NOTE if d.growth else "",
+        scatter=bool(d.scatter),
+        derivatives=text.derivative_rows(d.before, d.after, d.scatter),
+        derived=text.derivative_rows(*text.derived_of(d)),
+        moved_title=_capital(text.moved_title(d)),
+        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures) if stem != "replication"],
+        steps=[step.sentence for step in d.steps],
+        candidates=candidate_rows(d, len(d.candidates)),
+        guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),
+        tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
+        inputs=[("fitted", file) for file in tracing.inputs.records]
+        + [("held out", file) for file in tracing.inputs.validation]
+        + [("vehicle", tracing.inputs.vehicle)]
+        + [("effects", file) for file in tracing.inputs.effects],
+    )
+
+
+def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
+    wording = text.wording_of(tracing)
+    return {
+        "name": claim.name,
+        "claimed": claim.claimed,
+        "sentence": _capital(text.effect_heading(claim, wording)),
+        "parameters": parameter_text(claim, wording),
+        "alternatives": claim.alternatives,
+        "explanation": claim.explanation or tracing.explanations.get(claim.name, ""),
+    }
+
+
+def _replicated(claim: Claim) -> dict[str, Any]:
+    told = " ".join(evidence_sentences(claim))
+    return {"name": claim.name, "told": _capital(told)}
+
+
+def _kinematics(tracing: Tracing) -> dict[str, Any] | None:
+    some = tracing.kinematics
+    if some is None:
+        return None
+    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
+    limits = list(some.result.cannot_tell) if some.result is not None else []
+    return {"records": ", ".join(some.records), "lines": [_capital(line) for line in lines], "limits": limits}
+
+
+def _figure(path: Path, caption: str) -> dict[str, str]:
+    return {"caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii"), "name": path.stem}
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _resource(name: str) -> str:
+    return files("scenarios.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,222 @@
+"""A diagnosis in words and small tables, for the terminal and for the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.kinematics import kinematics_lines
+from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
+from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
+from scenarios.diagnosis.report.wording import DEGREES, Wording, group_sentence, parameter_text, sentence, value_text
+from scenarios.terminal.plain_tables import WIDTH, table, wrapped
+
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
+LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
+MOVED = 2.0  # sigmas
+
+
+def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
+    """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
+    d = tracing.diagnosis
+    blocks = [
+        [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
+        [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
+        _effect_lines(tracing, width),
+        _kinematic_lines(tracing, width),
+        _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
+        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.growth else ""),
+        *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
+        _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
+        _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
+        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
+        [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
+        [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
+MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
+SIGMA_NOTE = "+- sigma, widened by the scatter between records"
+CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")
+CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
+
+
+def wording_of(tracing: Tracing) -> Wording:
+    """What sentences about effects need to know of a study."""
+    inputs = [signal.name for signal in tracing.model.equations.inputs]
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.sentences)
+
+
+def subject(tracing: Tracing) -> str:
+    """Which vehicle, model and records this is about, in one line."""
+    fitted = ", ".join(f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records)
+    return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
+
+
+def where_predicted(tracing: Tracing) -> str:
+    """Where the errors are from: ``"the held-out record validate.csv"`` and the like."""
+    names = [record.name for record in tracing.validation]
+    if tracing.held_out_from is not None:
+        return f"the held-out part of {names[0]}, from {tracing.held_out_from:g} s on"
+    if not tracing.diagnosis.held_out:
+        return "the fitted record"
+    return f"the held-out record{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def headline(tracing: Tracing) -> str:
+    """The finding in one sentence: effect, the error that fell most, the derivative that moved most."""
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    claimed = [claim for claim in d.effects if claim.claimed]
+    told = " and ".join(group_sentence(claim, wording) for claim in claimed)
+    if not claimed:
+        return _untouched(tracing)
+    proven = [claim for claim in claimed if claim.evidence is not None]
+    parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
+    if proven:
+        parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim)]) for claim in proven]
+        parts = [group_sentence(claim, wording) for claim in claimed if claim.evidence is None] + parts
+    error = _error_phrase(tracing)
+    if error and not proven:
+        parts.append(f"with that, {error}")
+    name = _most_moved(d)
+    if name:
+        old, new = d.before[name], d.after[name]
+        parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}{scatter_text(d, name)}")
+    return "; ".join([*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])])
+
+
+def verdict_advice(tracing: Tracing) -> list[str]:
+    """What could not be told apart, and the maneuver that would, one line each."""
+    lines = []
+    for claim in tracing.diagnosis.effects:
+        for names, maneuver in separating_maneuvers(claim.name, claim.alternatives):
+            lines.append(f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: {maneuver}")
+    return lines
+
+
+def effect_heading(claim: Claim, wording: Wording) -> str:
+    """Name, sentence, and what has to be said with it."""
+    hint = "" if claim.claimed else "hint only, not claimed: "
+    where = f" (in record {', '.join(str(number + 1) for number in claim.records)})" if claim.records else ""
+    return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
+
+
+def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """Channel, unit, error before and after, noise floor; angles and their rates in degrees."""
+    rows: list[tuple[str, ...]] = []
+    for channel, before in d.error_before.rmse.items():
+        after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
+        factor, unit = _shown(channel)
+        rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
+    return rows
+
+
+def derivative_headings(d: Diagnosis) -> tuple[str, ...]:
+    """Headings of ``derivative_rows``, with a column of the scatter where it is known."""
+    return ("derivative", "unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
+
+
+def derivative_rows(
+    before: Mapping[str, Quantity], after: Mapping[str, Quantity], scatter: Mapping[str, float] | None = None
+) -> list[tuple[str, ...]]:
+    """Name, unit, value +- sigma before and after, run-to-run scatter where any is known, the move in sigmas of both (marked beyond two)."""
+    rows: list[tuple[str, ...]] = []
+    for name, old in before.items():
+        new = after.get(name)
+        if new is None:
+            continue
+        sigmas = moved(old, new)
+        mark = " *" if abs(sigmas) > MOVED else "  "
+        move = f"{sigmas:+.1f} sigma{mark}" if abs(sigmas) >= 0.05 else "-  "
+        unit = old.unit if old.unit != "1" else ""
+        rows.append(
+            (name, unit, value_text(old.value, old.std), value_text(new.value, new.std), *(scatter_rows(scatter, [name]) if scatter else []), move)
+        )
+    return rows
+
+
+def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
+    """What follows from the derivatives, before and after; a delay of the model itself stands there as well."""
+    pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
+    before, after = ({**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs)
+    return before, after
+
+
+def moved_title(d: Diagnosis) -> str:
+    """Heading of the table of derivatives."""
+    any_moved = any(abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after)
+    return "derivatives (* moved by more than two sigmas of both together)" if any_moved else "derivatives"
+
+
+def moved(old: Quantity, new: Quantity) -> float:
+    """The change in standard deviations of both together; zero where neither is known."""
+    spread = math.hypot(old.std, new.std)
+    return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
+
+
+def _titled(
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, spare: Sequence[str] = ()
+) -> list[str]:
+    """A table under its title and a note on it, both folded."""
+    lines = table(headings, rows, left=left, width=width, spare=spare)
+    return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
+
+
+def _effect_lines(tracing: Tracing, width: int) -> list[str]:
+    wording, lines = wording_of(tracing), []
+    for claim in tracing.diagnosis.effects:
+        heading = effect_heading(claim, wording)
+        lines += wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width)
+        if claim.parameters:
+            lines += wrapped(parameter_text(claim, wording), width, "    ")
+    for line in verdict_advice(tracing):
+        lines += wrapped(line, width)
+    return lines
+
+
+def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:
+    some = tracing.kinematics
+    told = kinematics_lines(some, tracing.diagnosis.effects, wording_of(tracing)) if some else []
+    return [line for sentence in told for line in wrapped(sentence, width)]
+
+
+def _untouched(tracing: Tracing) -> str:
+    d = tracing.diagnosis
+    if d.verdict is Verdict.CONSISTENT:
+        return f"the declared model stands; {_error_phrase(tracing)}"
+    return f"no effect is named; {_error_phrase(tracing)}"
+
+
+def _error_phrase(tracing: Tracing) -> str:
+    d = tracing.diagnosis
+    before, after, floors = d.error_before.rmse, d.error_after.rmse, d.noise_floor
+    channels = [name for name in before if name in after]
+    if not channels:
+        return ""
+    fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
+    factor, unit = _shown(fell)
+    old, new = _short(factor * before[fell]), _short(factor * after[fell])
+    change = f"{old} -> {new}" if old != new else new
+    tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
+    return f"{LONG.get(fell, fell)} error {change} {unit} on {where_predicted(tracing)}{tail}"
+
+
+def _most_moved(d: Diagnosis) -> str:
+    moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
+    name = max(moves, key=lambda each: moves[each], default="")
+    return name if name and moves[name] > MOVED else ""
+
+
+def _shown(channel: str) -> tuple[float, str]:
+    """What turns a channel's numbers into those that people read, and their unit."""
+    unit = UNITS.get(channel, "")
+    return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
+
+
+def _short(value: float) -> str:
+    return "-" if not math.isfinite(value) else f"{value:.3g}" if value < 1e4 else f"{value:.0f}" if value < 1e7 else f"{value:.2g}"

@@ -1,0 +1,195 @@
+"""Identification of a measured record: no truth, noise levels from the data themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.ekf import FilterSettings
+from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.flying_qualities.modal import modal_estimate
+from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.whole_record.output_error import FitSettings, fit_output_error
+from scenarios.files.vehicles import VehicleFile
+from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.studies.study import Row
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import compile_model
+from sim.errors import DeclarationError, RecordError
+from sim.record import Record
+
+FILTERS = ("ekf", "ukf")
+METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
+FIT_STEP = 0.01
+PASSES = 5
+BEGINNING = 5  # samples whose median says where a sensor begins
+ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
+
+    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared,
+    ``doubts`` what in the files is likely to be wrong.
+    """
+
+    record: Record
+    vehicle: VehicleFile
+    method: str
+    estimate: Estimate
+    rows: tuple[Row, ...]
+    biases: tuple[Row, ...]
+    derived: dict[str, tuple[float, float]]
+    fixed: dict[str, tuple[float, str]]
+    tests: tuple[ResidualTest, ...]
+    others: tuple[Record, ...] = ()
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
+def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence[Record] = (), model: Model | None = None) -> Identification:
+    """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
+
+    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
+
+    Each output but an altitude gets a constant bias, each record its own initial state. A filter takes its measurement
+    noise from the residual of an output-error fit, its initial state from the first samples, and is
+    iterated from its own result, because a file's starting values may be far off. ``filter-error`` puts an aircraft into
+    Dryden turbulence of unknown intensity and length, and forces a falling body by white noise of unknown size.
+
+    Raises
+    ------
+    DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
+    """
+    if method not in METHODS:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    records = [record, *others]
+    if others and method in FILTERS:
+        what = f"a filter runs along one segment, and there are {len(records)}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+    for each in records:
+        _refuse_beyond_measure(each)
+    if vehicle.model == "loes" and method == "ekf":
+        from scenarios.identification.low_order import identify_loes
+
+        return identify_loes(record, vehicle)
+    if vehicle.model == "loes" and method == "ukf":
+        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
+    model = model or model_of_file(vehicle)
+    outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
+    biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
+    # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
+    settings = FitSettings(FIT_STEP, use_priors=bool(vehicle.modes))
+    if method == "equation-error":
+        from ident.regression.equation_error import run_equation_error
+
+        system = compile_model(biased, outputs)
+        estimate = run_equation_error(records, system)
+    elif method == "filter-error":
+        from ident.process_noise.filter_error import fit_filter_error
+
+        system = compile_model(biased, outputs)
+        estimate = fit_filter_error(records, compile_model(_forced(biased), outputs), settings)
+    else:
+        system = compile_model(biased, outputs)
+        estimate = fit_output_error(records, system, settings)
+    if method in FILTERS:
+        prepared = _for_filter(biased, record, outputs, estimate)
+        system = compile_model(prepared, outputs, online=True)
+        if method == "ekf":
+            estimate = run_iterated_ekf(record, system)
+        else:
+            from ident.filters.ukf import run_ukf
+
+            estimate = run_ukf(record, system, FilterSettings(passes=PASSES))
+    rows = tuple(
+        Row(name, unit, float(value), float(std))
+        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    )
+    names = [f"bias_{name}" for name in biased.biases]
+    biases = tuple(row for row in rows if row.name in names)
+    rows = tuple(row for row in rows if row.name not in names)
+    measured = [each.output_array(estimate.output_names) for each in records]
+    valid = np.concatenate([known for _, known in measured], axis=1)
+    residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
+    tests = residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
+    airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
+    derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
+    if vehicle.model == "loes" and "delay" in estimate.names:
+        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
+    fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
+    return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests, tuple(others))
+
+
+def _forced(model: Model) -> Model:
+    """The model with what filter error estimates besides: turbulence where gusts act, else white noise on the acceleration."""
+    if any(port.name == "gust" for port in model.equations.ports):
+        from sim.effects.disturbance.gust_turbulence import GustTurbulence
+
+        return model.with_effects(GustTurbulence())
+    return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+
+
+def _of_parameters(estimate: Estimate, parameters: ParameterSet) -> Estimate:
+    at = [i for i, name in enumerate(estimate.names) if name in parameters]
+    return replace(
+        estimate,
+        names=tuple(estimate.names[i] for i in at),
+        units=tuple(estimate.units[i] for i in at),
+        values=estimate.values[at],
+        covariance=estimate.covariance[np.ix_(at, at)],
+    )
+
+
+def _refuse_beyond_measure(record: Record) -> None:
+    for channel in record.channels:
+        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > LARGEST))
+        if wrong.size:
+            where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
+            raise RecordError(
+                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+            )
+
+
+def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
+    """Noise, initial state and bias priors for a filter, from the record alone.
+
+    A sensor's zero is looked for about where its record begins, the perturbation from trim about zero: a record of total
+    angles must not start the state at the trim's.
+    """
+    std, spread, begins = {}, {}, {}
+    for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
+        channel = record[name]
+        values = channel.values[channel.valid]
+        spread[name] = max(float(np.std(values)), 1e-12)
+        sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
+        std[name] = float(fitted) if sound else 0.1 * spread[name]
+        begins[name] = float(np.median(values[:BEGINNING]))
+    states = []
+    for item in model.initial:
+        value, prior = _first_state(item.name, record, outputs, std, spread)
+        states.append(replace(item, value=value, prior_std=prior))
+    parameters = model.parameters.with_values({f"bias_{name}": begins[name] for name in model.biases})
+    parameters = parameters.with_prior({f"bias_{name}": 3.0 * spread[name] for name in model.biases})
+    return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
+
+
+def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:
+    if name in outputs:
+        channel = record[name]
+        if name != "altitude":
+            return 0.0, max(3.0 * std[name], spread[name])
+        return float(channel.values[channel.valid][0]), 3.0 * std[name]
+    if name == "velocity" and "altitude" in outputs:
+        channel = record["altitude"]
+        t, h = record.time[channel.valid], channel.values[channel.valid]
+        early = max(3, min(len(t), int(np.searchsorted(t, t[0] + 0.1 * (t[-1] - t[0])))))
+        slope = float(np.polyfit(t[:early] - t[0], h[:early], 1)[0])
+        return slope, max(0.1 * abs(slope), 4.0 * std["altitude"] / max(t[early - 1] - t[0], 1e-9))
+    return 0.0, 1.0

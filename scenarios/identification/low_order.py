@@ -1,0 +1,139 @@
+"""Identification of a measured record's low-order equivalent system by the paper's filter and its bank of delays.
+
+What NASA TM-101722 chose by hand is chosen here by rule: R is read off the record, P0 is a quarter of the starting values, Q is the one
+found on the simulation's record, perturbations are taken about the trim where the record begins in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from ident.banks.delays import DelayBank, run_delay_bank
+from ident.estimate import Estimate
+from ident.flying_qualities.handling_qualities import qualities
+from ident.statistics.noise_envelope import noise_envelope
+from ident.statistics.residuals import residual_tests
+from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.identify import Identification
+from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_filter_system
+from scenarios.studies.study import Row
+from sim.closed_loop.reader import load_x29
+from sim.declaration.system import System
+from sim.errors import RecordError
+from sim.record import Channel, Record
+from sim.vehicles.factory import model_from_constants
+
+DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})  # (rad/s2)^2 s, what the rule finds on the simulation's record
+DERIVED = ("natural_frequency", "damping_ratio", "delay")
+PERTURBED = ("alpha", "q", "stick")  # the model's perturbations from trim; nz has a zero of its own, nz_0
+QUIET = 0.5  # s at the record's beginning
+_FEWEST_QUIET = 8
+_STILL, _OFF_TRIM = 3.0, 5.0  # noise deviations: scatter of a channel at rest, and a level that is no scatter
+
+
+def identify_loes(record: Record, vehicle: VehicleFile) -> Identification:
+    """Run the bank of delays with a refined delay over a record, from a vehicle file's starting values.
+
+    Raises
+    ------
+    RecordError, ModelError : as for ``run_delay_bank``.
+    """
+    noise = noise_levels(record)
+    offsets = trim_of(record, noise)
+    about_trim = less(record, offsets)
+    system = filter_system(about_trim, vehicle, noise)
+    found = run_delay_bank(about_trim, system)
+    trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
+    estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
+    rows = tuple(
+        Row(name, unit, float(value), float(std))
+        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    )
+    z, valid = record.output_array(estimate.output_names)
+    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    fixed = {item.name: (item.value, item.unit) for item in system.parameters if not item.free and item.name not in estimate.names}
+    if "delay" in fixed:
+        fixed["delay"] = (found.refined, "s")
+    return Identification(record, vehicle, "ekf", estimate, rows, (), derived_of(estimate, vehicle, weighted_delay(found)), fixed, tests)
+
+
+def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:
+    """The fourteen-state filter of a vehicle file for a record about its trim, or for the beginning of one."""
+    return loes_filter_system(model_from_constants("loes", vehicle.constants, vehicle.derivatives), record, noise, DENSITY)
+
+
+def noise_levels(record: Record) -> dict[str, float]:
+    """Standard deviation of the noise of alpha (rad), q (rad/s) and nz (g), read off the record.
+
+    Never below a tenth of the flight's in the paper, which it used for its simulation: a record without noise
+    still differs from a low-order model. A channel that is absent, or too short to tell, gets that too.
+    """
+    telemetry = load_x29("F").telemetry
+    floor = {"alpha": telemetry.alpha_noise, "q": telemetry.q_noise, "nz": telemetry.nz_noise}
+    out = {name: SIMULATION_SHARE * std for name, std in floor.items()}
+    for name in out:
+        if name in record.output_names:
+            try:
+                out[name] = max(out[name], noise_envelope(record.only([name]))[name])
+            except RecordError:
+                continue
+    return out
+
+
+def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
+    """Levels of alpha, q and stick where the record begins at rest and off zero; empty where it begins in motion or about zero.
+
+    At rest: for ``QUIET`` s the stick does not move at all and no output scatters by more than three noise deviations.
+    """
+    quiet = record.time <= record.time[0] + QUIET
+    levels = {}
+    for channel in record.channels:
+        use = quiet & channel.valid
+        values = channel.values[use]
+        if values.size < _FEWEST_QUIET:
+            return {}
+        limit = noise.get(channel.name, 0.0)
+        if float(values.std()) > _STILL * limit + 1e-9 * float(np.abs(values).max()):
+            return {}
+        if channel.name in PERTURBED and abs(float(values.mean())) > _OFF_TRIM * limit:
+            levels[channel.name] = float(values.mean())
+    return levels
+
+
+def less(record: Record, offsets: Mapping[str, float]) -> Record:
+    """The record with constant levels taken off its channels."""
+    if not offsets:
+        return record
+
+    def moved(channel: Channel) -> Channel:
+        return replace(channel, values=np.where(channel.valid, channel.values - offsets.get(channel.name, 0.0), 0.0))
+
+    return replace(record, inputs=tuple(moved(c) for c in record.inputs), outputs=tuple(moved(c) for c in record.outputs))
+
+
+def derived_of(estimate: Estimate, vehicle: VehicleFile, delay: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """Natural frequency (rad/s), damping ratio and delay (s) with standard deviations.
+
+    ``delay`` stands in, with its deviation, where the estimate does not have it. Frequency and damping are left out where the
+    short period does not oscillate or a number is not finite.
+    """
+    fixed = {} if "delay" in estimate.names else {"delay": delay[0]}
+    with np.errstate(all="ignore"):
+        found = qualities(estimate, vehicle.constants["airspeed"], vehicle.constants["gravity"], fixed)
+    out = {each.name: (each.value, each.std) for each in found if each.name in DERIVED and np.isfinite([each.value, each.std]).all()}
+    return {**out, "delay": delay} if fixed else out
+
+
+def weighted_delay(found: DelayBank) -> tuple[float, float]:
+    """The likelihood-weighted delay of a bank, s."""
+    return mean_delay(found.delays, found.weights)
+
+
+def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+    """Mean and standard deviation by weights ``(B,)``, s; the latter never below that of one step of the grid, which is not resolved."""
+    mean = float(weights @ delays)
+    return mean, float(np.sqrt(weights @ (delays - mean) ** 2 + np.diff(delays).mean() ** 2 / 12.0))

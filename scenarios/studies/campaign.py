@@ -1,0 +1,159 @@
+"""Monte-Carlo campaigns: the same flight measured many times, one seed a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.banks.bank import BankEstimate, run_bank
+from ident.filters.ekf import SETTLED
+from scenarios.studies.declaration import Estimation, Scenario
+from scenarios.studies.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
+from scenarios.studies.flying import fly_scenario, measured_again
+from scenarios.studies.study import assumed_noise, references
+from sim.declaration.system import System
+from sim.record import Record
+from sim.truth.flight import Truth, remeasure
+
+CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """One parameter over all runs.
+
+    ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the root mean square of the
+    estimator's own sigma, ``within_two`` the share of 2-sigma intervals that hold the reference, ``interval`` its
+    95 % confidence interval (Wilson).
+    """
+
+    name: str
+    unit: str
+    reference: float
+    bias: float
+    scatter: float
+    reported: float
+    within_two: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Results of N runs: estimates and sigmas ``(n, N)``, and their summary. ``broken`` runs are left out of it."""
+
+    scenario: Scenario
+    estimation: Estimation
+    seeds: range
+    names: tuple[str, ...]
+    values: np.ndarray
+    std: np.ndarray
+    broken: int
+    spreads: tuple[Spread, ...]
+    pooled: Spread
+
+
+def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Campaign:
+    """Run a scenario's main estimation with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
+
+    Filters run as one batch; whole-record fits one after the other. Where process noise really acts every run is
+    flown anew, else the same flight is measured again.
+    """
+    first = scenario.seed if seed is None else seed
+    estimation = scenario.estimations[0]
+    record, truth = fly_scenario(scenario, first)
+    records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
+    model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+    if estimation.method == "ekf":
+        names, values, std, sound = _bank(estimation, records, model)
+    else:
+        done = [estimate_record(estimation, each, model).estimate for each in records]
+        names = done[0].names
+        values, std = np.array([e.values for e in done]).T, np.array([e.std for e in done]).T
+        sound = np.array([e.outcome.code == "converged" for e in done])
+    reference = {item.name: item.value for item in truth.parameters}
+    reference |= references(scenario, estimation)
+    units = {item.name: item.unit for item in model.parameters}
+    values, std = values[:, sound], std[:, sound]
+    spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
+    errors = (values - np.array([[reference[name]] for name in names])) / std
+    pooled = _spread("all", "sigma", 0.0, errors.ravel(), np.ones(errors.size))
+    return Campaign(scenario, estimation, range(first, first + runs), names, values, std, int(np.sum(~sound)), spreads, pooled)
+
+
+def wilson(hits: int, total: int) -> tuple[float, float]:
+    """95 % confidence interval of a share (Wilson, JASA 22, 1927)."""
+    if total == 0:
+        return 0.0, 1.0
+    z, share = 1.959964, hits / total
+    centre = (share + z * z / (2 * total)) / (1 + z * z / total)
+    half = z * math.sqrt(share * (1 - share) / total + z * z / (4 * total**2)) / (1 + z * z / total)
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
+    if scenario.flight.process_noise:
+        record, truth = fly_scenario(scenario, seed)
+        return measured_again(record, truth, estimation.flown_noise_std, seed) if estimation.flown_noise_std else record
+    if estimation.flown_noise_std:
+        return measured_again(record, truth, estimation.flown_noise_std, seed)
+    return remeasure(record, truth, np.random.default_rng(seed))
+
+
+def _bank(estimation: Estimation, records: list[Record], model):  # type: ignore[no-untyped-def]
+    system, settings = compiled(estimation, model), filter_settings(estimation)
+    means, stds, sounds = [], [], []
+    for start in range(0, len(records), CHUNK):
+        part = records[start : start + CHUNK]
+        z = np.stack([each.output_array(system.output_names)[0] for each in part], axis=2)
+        n_x = len(system.states)
+        if math.isinf(estimation.spread):
+            bank = run_bank(part[0], system, settings, z=z)
+            mean, std, sound = bank.mean[n_x:], bank.std[n_x:], bank.sound
+        else:
+            bank = run_bank(part[0], system, replace(settings, passes=1), z=z)
+            mean, std, sound = _narrowed_passes(estimation, part[0], system, bank, z)
+        names = bank.names[n_x:]
+        means.append(mean)
+        stds.append(std)
+        sounds.append(sound)
+    return names, np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.concatenate(sounds)
+
+
+def _narrowed_passes(
+    estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, sigmas and soundness after further passes, each run started and narrowed by its own result, as `scenarios.studies.estimating` does it."""
+    settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
+    declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
+    first = np.array(system.initial.values())
+    mean, std, sound = bank.mean[n_x:].copy(), bank.std[n_x:].copy(), bank.sound.copy()
+    active = np.flatnonzero(sound)
+    for _ in range(1, estimation.passes):
+        if active.size == 0:
+            break
+        prior = np.repeat(declared[:, None], active.size, axis=1)
+        prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std[:, active])
+        start = np.concatenate([np.repeat(first[:, None], active.size, axis=1), mean[:, active]])
+        covariance = prior.T[:, :, None] ** 2 * np.eye(len(declared))
+        again = run_bank(record, system, settings, z=z[:, :, active], start=start, covariance=covariance)
+        moved = np.max(np.abs(again.mean[n_x:] - mean[:, active]) / std[:, active], axis=0, initial=0.0)
+        mean[:, active], std[:, active], sound[active] = again.mean[n_x:], again.std[n_x:], again.sound
+        active = active[again.sound & (moved >= SETTLED)]
+    return mean, std, sound
+
+
+def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
+    error = values - reference
+    hits = int(np.sum(np.abs(error) <= 2.0 * std))
+    return Spread(
+        name,
+        unit,
+        reference,
+        float(error.mean()),
+        float(values.std(ddof=1)),
+        float(np.sqrt(np.mean(std**2))),
+        hits / len(values),
+        wilson(hits, len(values)),
+    )

@@ -1,0 +1,112 @@
+"""The catalogue of scenarios: one TOML file each, found by being there; and a user's own file by its path."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.declarations import closest, read_toml
+from scenarios.studies.declaration import Scenario
+from sim.errors import DeclarationError
+
+IDENTIFICATION = "identification"
+KINDS = (IDENTIFICATION, "trace", "standin", "x29")
+
+
+def scenario_names(kind: str | None = None) -> tuple[str, ...]:
+    """Names of the built-in scenarios, sorted: all, or those of one kind."""
+    entries = files("scenarios").joinpath("catalog").iterdir()
+    names = sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml"))
+    return tuple(name for name in names if kind is None or scenario_kind(name) == kind)
+
+
+def scenario_kind(name: str) -> str:
+    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has none; a name or a path as ``load_document``."""
+    document, _, where = load_document(name)
+    kind = str(document.get("kind", IDENTIFICATION))
+    if kind not in KINDS:
+        raise DeclarationError(f"there is no kind {kind!r}", where=f"{where}, key kind", remedy=closest(kind, KINDS))
+    return kind
+
+
+def scenario_title(name: str) -> str:
+    """The one line that describes a built-in scenario."""
+    return str(tomllib.loads(files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8"))["title"])
+
+
+def scenario_text(name: str) -> str:
+    """The file of a built-in scenario, for copying and editing."""
+    _known(name)
+    return files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
+
+
+def scenario_file(name: str) -> str:
+    """What messages call the file of a scenario: the path that a user gave, or a built-in name with its ending."""
+    return name if name.endswith(".toml") else f"{name}.toml"
+
+
+def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
+    """A built-in scenario by its name, or a user's by the path of its TOML file.
+
+    Parameters
+    ----------
+    name : ``"rigid"`` or ``"my_study.toml"``.
+    changes : ``"key=value"`` texts that replace entries of the file, e.g. ``"flight.rate=50"``.
+
+    Raises
+    ------
+    DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are named.
+    """
+    from scenarios.studies.schema import scenario_of
+
+    document, short, where = load_document(name, changes)
+    if document.get("kind", IDENTIFICATION) != IDENTIFICATION:
+        what = f"{short} is a scenario of kind {document['kind']!r}, this is for identification"
+        raise DeclarationError(what, where=where, remedy="use flightid run, or another scenario")
+    return scenario_of({key: value for key, value in document.items() if key != "kind"}, short, where)
+
+
+def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any], str, str]:
+    """Content of a scenario's file with the changes made, its short name, and what messages call the file. Errors as ``load_scenario``."""
+    where = scenario_file(name)
+    if name.endswith(".toml"):
+        document, short = read_toml(name), Path(name).stem
+    else:
+        document, short = tomllib.loads(scenario_text(name)), name
+    for change in changes:
+        document = with_change(document, change)
+    return document, short, where
+
+
+def _known(name: str) -> None:
+    if name not in scenario_names():
+        raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
+
+
+def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
+    """A scenario's content with one ``"key=value"`` put in; raises DeclarationError where it cannot be."""
+    key, equals, text = change.partition("=")
+    if not equals or not key.strip():
+        raise DeclarationError(f"{change!r} is not key=value", where="--set", remedy="write for example flight.rate=50")
+    try:
+        value: Any = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    path = key.strip().split(".")
+    return _put(document, path, value, key.strip())
+
+
+def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
+    """The same table with one entry replaced; a number in the path counts entries of a list from 1."""
+    first, *rest = path
+    if isinstance(table, list):
+        if not first.isdigit() or not 1 <= int(first) <= len(table):
+            raise DeclarationError(f"{key}: there is no entry {first!r}", where="--set", remedy=f"use a number from 1 to {len(table)}")
+        at = int(first) - 1
+        return [*table[:at], value if not rest else _put(table[at], rest, value, key), *table[at + 1 :]]
+    if not isinstance(table, dict):
+        raise DeclarationError(f"{key}: nothing stands inside {first!r}", where="--set", remedy="name a key of the scenario's file")
+    return {**table, first: value if not rest else _put(table.get(first, {}), rest, value, key)}

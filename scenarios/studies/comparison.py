@@ -1,0 +1,148 @@
+"""The comparison file: true, estimated and published values as strict JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from ident.estimate import Estimate
+from ident.statistics.residuals import ResidualTest
+from scenarios.studies.declaration import Start
+from scenarios.studies.study import MethodResult, Row, Study
+from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
+
+SCHEMA = "flightid/comparison/1"
+PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
+DERIVED_UNITS = {"natural_frequency": "rad/s", "damping_ratio": "1", "delay": "s"}
+
+
+def comparison(study: Study) -> dict[str, Any]:
+    """Content of ``comparison.json`` for a scenario: the main method's figures, the others under ``methods``."""
+    out: dict[str, Any] = {
+        "schema": SCHEMA,
+        "scenario": study.scenario.name,
+        "title": study.scenario.title,
+        "seed": study.seed,
+        "distance": study.scenario.distance,
+        **method_content(study.main),
+        "notes": list(study.notes),
+        "versions": versions(),
+    }
+    if study.flexibility is not None:
+        out["flexibility"] = flexibility_content(study.flexibility)
+    if len(study.methods) > 1:
+        out["methods"] = {method.estimation.name: method_content(method) for method in study.methods[1:]}
+    return out
+
+
+def flexibility_content(found: Flexibility) -> dict[str, Any]:
+    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s, derivatives in 1/rad."""
+    content: dict[str, Any] = {
+        "degree": found.degree,
+        "short_period": found.short_period,
+        "stiffness_loss": found.stiffness_loss,
+        "distance": found.distance,
+        "misfit": found.misfit,
+        "largest_misfit": LARGEST_MISFIT,
+        "detectable_misfit": found.detectable,
+        "rigid_serves": found.rigid_serves,
+        "condensed": dict(found.condensed),
+        "best_rigid": dict(found.fitted),
+    }
+    return content | ({"separation": found.separation} if math.isfinite(found.separation) else {})
+
+
+def method_content(method: MethodResult) -> dict[str, Any]:
+    """Parameters, derived quantities, outcome and tests of one method."""
+    content = estimate_content(method.result.estimate, method.rows, method.derived, method.fixed, method.tests)
+    content["method"] = method.estimation.method
+    if method.estimation.explanation:
+        content["explanation"] = method.estimation.explanation
+    return content
+
+
+def estimate_content(
+    estimate: Estimate,
+    rows: tuple[Row, ...],
+    derived: Mapping[str, tuple[float, float]],
+    fixed: Mapping[str, tuple[float, str]],
+    tests: tuple[ResidualTest, ...],
+) -> dict[str, Any]:
+    """The parts that a scenario's comparison and an identification share."""
+    correlation = estimate.correlation
+    return {
+        "parameters": {row.name: _row(row) for row in rows},
+        "fixed": {name: {"value": value, "unit": unit} for name, (value, unit) in fixed.items()},
+        "derived": {name: {"estimate": value, "std": std, "unit": DERIVED_UNITS[name]} for name, (value, std) in derived.items()},
+        "outcome": estimate.outcome.code,
+        "outcome_sentence": estimate.outcome.value,
+        **({"log_likelihood": estimate.log_likelihood} if math.isfinite(estimate.log_likelihood) else {}),
+        "noise_std": {name: float(std) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)},
+        "correlation": {a: {b: float(correlation[i, j]) for j, b in enumerate(estimate.names)} for i, a in enumerate(estimate.names)},
+        "residual_tests": [_test(test) for test in tests],
+        "iterations": estimate.iterations,
+    }
+
+
+def in_unit(row: Row, unit: str) -> Row:
+    """The same row in another unit, e.g. beta in lb/ft2."""
+    from scenarios.files.units import to_si
+    from sim.errors import DeclarationError
+
+    factor = 1.0 / float(to_si(1.0, unit, row.unit, f"key display.{row.name}", DeclarationError))
+    published = None if row.published is None else Start(row.published.value * factor, row.published.std * factor)
+    return replace(
+        row,
+        unit=unit,
+        estimate=row.estimate * factor,
+        std=row.std * factor,
+        true=None if row.true is None else row.true * factor,
+        condensed=None if row.condensed is None else row.condensed * factor,
+        published=published,
+    )
+
+
+def check_display(study: Study) -> None:
+    """Refuse a parameter or unit that the scenario wants shown and that cannot be, before anything is written."""
+    from sim.errors import DeclarationError
+
+    rows = {row.name: row for method in study.methods for row in method.rows}
+    for name, unit in study.scenario.display.items():
+        if name not in rows:
+            raise DeclarationError(f"no parameter {name!r} is estimated", where=f"key display.{name}", remedy=f"use one of {', '.join(rows)}")
+        in_unit(rows[name], unit)
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def _row(row: Row) -> dict[str, Any]:
+    out: dict[str, Any] = {"estimate": row.estimate, "std": row.std, "unit": row.unit}
+    for key, value in (("true", row.true), ("condensed", row.condensed), ("error_percent", row.percent), ("error_sigmas", row.sigmas)):
+        if value is not None:
+            out[key] = value
+    if row.published is not None:
+        out["published"] = {"value": row.published.value, "std": row.published.std}
+    return out
+
+
+def _test(test: ResidualTest) -> dict[str, Any]:
+    return {
+        "name": test.name,
+        "channel": test.channel,
+        "statistic": test.statistic,
+        "p_value": test.p_value,
+        "passed": test.passed,
+        "sentence": test.sentence,
+    }

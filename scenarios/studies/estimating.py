@@ -1,0 +1,176 @@
+"""From an estimation's declaration and a record to an estimate.
+
+Only what the declaration says and the record holds is used: constants of the vehicle (mass, geometry, flight
+condition, modal frequencies) come from its data file, every derivative from the declaration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
+from ident.filters.transition import Exponential, Taylor
+from scenarios.studies.declaration import Estimation, Start
+from scenarios.studies.flying import STEPS
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System, compile_model
+from sim.errors import DeclarationError
+from sim.record import Record
+from sim.vehicles.factory import (
+    BALLISTIC_CONSTANTS,
+    BALLISTIC_DERIVATIVES,
+    MODE_CONSTANTS,
+    RIGID_CONSTANTS,
+    RIGID_DERIVATIVES,
+    mode_parameter,
+    mode_units,
+    model_from_constants,
+)
+from sim.vehicles.library import read_parameter_set
+
+FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """An estimation, the record it saw, and what came out."""
+
+    estimation: Estimation
+    record: Record
+    estimate: Estimate
+
+
+def declared_model(estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]) -> Model:
+    """The model an estimator starts from: constants held, ``start`` free with its priors, ``held`` fixed.
+
+    Raises
+    ------
+    DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name that is unknown.
+    """
+    kind = "ballistic" if estimation.model == "ballistic" else "rigid"
+    place = f"estimation {estimation.name}"
+    values = {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
+    _only_declared(estimation, kind, values, place)
+    initial = {name: start.value for name, start in estimation.initial.items()}
+    model = model_from_constants(kind, constants, values, modes=estimation.modes, initial=_base_states(kind, initial))
+    free = model.parameters.only_free(estimation.start).with_prior({name: start.std for name, start in estimation.start.items()})
+    states = {signal.name: signal for signal in model.equations.states}
+    for effect in model.effects:
+        states |= {signal.name: signal for signal in getattr(effect, "states", ())}
+    for name in estimation.initial:
+        if name not in states:
+            raise DeclarationError(f"there is no state {name!r}", where=f"{place}, key initial", remedy=f"its states are {', '.join(states)}")
+    start = _initial_states(model, estimation.initial, place)
+    return replace(model, parameters=free, initial=start, noise=Noise(dict(noise_std), dict(estimation.process_noise)))
+
+
+def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
+    """The numbers of a built-in vehicle that an estimator may know: no derivative among them."""
+    data = read_parameter_set(vehicle)
+    names = list(BALLISTIC_CONSTANTS if estimation.model == "ballistic" else RIGID_CONSTANTS)
+    names += [mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS]
+    return {name: data[name].value for name in names}
+
+
+def compiled(estimation: Estimation, model: Model) -> System:
+    """The System of a model for the estimation's method and outputs."""
+    filtering = estimation.method in ("ekf", "ukf")
+    if estimation.method == "output-error":
+        model = model.with_biases([name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")])
+    return compile_model(model, estimation.outputs, online=filtering)
+
+
+def filter_settings(estimation: Estimation) -> FilterSettings:
+    """Integration settings of a filter."""
+    transition = Taylor(estimation.terms) if estimation.terms else Exponential()
+    return FilterSettings(STEPS[estimation.integration], transition, estimation.max_step, estimation.passes)
+
+
+def estimate_record(estimation: Estimation, record: Record, model: Model) -> Result:
+    """Run an estimation on a record with a declared model."""
+    system = compiled(estimation, model)
+    if estimation.method in ("ekf", "ukf"):
+        estimate = _filtered(estimation, record, model)
+    elif estimation.method == "output-error":
+        from ident.whole_record.output_error import FitSettings, fit_output_error
+
+        estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
+    else:
+        from ident.regression.equation_error import run_equation_error
+
+        estimate = run_equation_error([record], system)
+    return Result(estimation, record, estimate)
+
+
+def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
+    """The model started at an estimate, each free parameter with at most ``spread`` of its standard deviations."""
+    std = {name: min(model.parameters[name].prior_std, spread * float(sigma)) for name, sigma in zip(estimate.names, estimate.std, strict=True)}
+    return replace(model, parameters=model.parameters.with_values(estimate.as_dict()).with_prior(std))
+
+
+def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
+    """The filter of an estimation, in as many passes as it takes."""
+    if estimation.method == "ukf":
+        from ident.filters.ukf import run_ukf as run
+    else:
+        run = run_ekf
+    settings = filter_settings(estimation)
+    if math.isinf(estimation.spread):
+        return run(record, compiled(estimation, model), settings)
+    once = replace(settings, passes=1)
+    estimate = run(record, compiled(estimation, model), once)
+    for done in range(1, estimation.passes):
+        if estimate.outcome is not Outcome.CONVERGED:
+            break
+        again = run(record, compiled(estimation, narrowed(model, estimate, estimation.spread)), once)
+        moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
+        estimate = replace(again, iterations=done + 1)
+        if moved < SETTLED:
+            break
+    return estimate
+
+
+def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float], place: str) -> None:
+    """Refuse a derivative without a declared value: a default would be the truth's."""
+    needed = list(BALLISTIC_DERIVATIVES if kind == "ballistic" else RIGID_DERIVATIVES)
+    modal = [name for name, _, must in mode_units(estimation.modes) if must and not name.startswith(tuple(MODE_CONSTANTS))]
+    known = {*needed, *modal, *(name for name, _, _ in mode_units(estimation.modes))}
+    for name in (*needed, *modal):
+        if name not in values:
+            raise DeclarationError(f"{name} has no starting value", where=f"{place}, key start", remedy="give it under start, or under held")
+    for name in values:
+        if name not in known:
+            raise DeclarationError(f"there is no parameter {name!r}", where=f"{place}, key start", remedy=f"use {', '.join(sorted(known))}")
+    for name in estimation.held:
+        if name in estimation.start:
+            raise DeclarationError(f"{name} is under start and under held", where=f"{place}, key held", remedy="keep one of the two")
+    for name in estimation.process_noise:
+        if name not in (*estimation.start, *estimation.initial):
+            remedy = f"use {', '.join((*estimation.initial, *estimation.start))}"
+            raise DeclarationError(f"{name!r} is no state and no free parameter", where=f"{place}, key process_noise", remedy=remedy)
+
+
+def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
+    names = ("altitude", "velocity") if kind == "ballistic" else ("alpha", "q")
+    return {name: value for name, value in initial.items() if name in names}
+
+
+def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> ParameterSet:
+    for signal in model.equations.states:
+        if signal.name not in initial:
+            raise DeclarationError(f"state {signal.name} has no starting value", where=f"{place}, key initial", remedy="give its value and std")
+    known = {item.name: item for item in model.initial}
+    items = []
+    for effect in model.effects:
+        for signal in getattr(effect, "states", ()):
+            if signal.name in initial:
+                known[signal.name] = replace(model.initial.items[0], name=signal.name, unit=signal.unit, source="declared")
+    for name, item in known.items():
+        items.append(replace(item, value=initial[name].value, prior_std=initial[name].std, free=True))
+    return ParameterSet(tuple(items))

@@ -1,0 +1,144 @@
+"""Which figures a study gets: input, response, parameters over time, innovations, errors beside the paper's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.identification.identify import Identification
+from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
+from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
+from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.files import save_figure
+from scenarios.plots.innovations import figure_innovations
+from scenarios.plots.parameters import figure_parameter_histories
+from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
+from scenarios.studies.declaration import Start
+from scenarios.studies.study import MethodResult, Study
+from sim.record import Record
+
+TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
+MOST_RESPONSES = 3
+
+
+def draw_study(study: Study, folder: Path) -> None:
+    """Draw a scenario's figures into ``folder`` as PNG files."""
+    scenario, main = study.scenario, study.main
+    title = scenario.title
+    save_figure(figure_record(study.record, title), folder, "record")
+    fit = figure_fit(study.record, [_response(method) for method in _told_apart(study)], study.truth, title, study.truth.noise_std)
+    save_figure(fit, folder, "fit")
+    for method in study.methods:
+        # Of a single parameter the figures of all methods together say what one for each would.
+        if method is main or len(method.rows) > 1:
+            _draw_filter(study, method, folder, "" if method is main else f"_{method.estimation.name}")
+    if scenario.estimations[0].model == "ballistic":
+        _draw_ballistic(study, folder)
+    rows = [
+        ComparisonRow(
+            row.name,
+            row.reference,
+            row.estimate,
+            row.std,
+            row.published.value if row.published else None,
+            row.published.std if row.published else None,
+            method.estimation.label if len(main.rows) == 1 else "",
+        )
+        for method in (study.methods if len(main.rows) == 1 else (main,))
+        for row in method.rows
+        if row.reference is not None
+    ]
+    if rows:
+        against = "condensed" if scenario.condensed else "true"
+        label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
+        save_figure(figure_comparison(rows, f"{title}\n{label}error against the {against} value"), folder, "errors")
+    if scenario.condensed:
+        save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
+
+
+def draw_identification(found: Identification, measured: Record, folder: Path) -> None:
+    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded."""
+    estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
+    save_figure(figure_record(measured, title), folder, "record")
+    response = response_of(estimate)
+    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
+    save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")
+    if estimate.history is not None:
+        save_figure(figure_parameter_histories(estimate.history, estimate.names, estimate.units, title=title), folder, "parameters")
+        save_figure(
+            figure_innovations(estimate.history, estimate.output_names, _output_units(found.record, estimate.output_names), title),
+            folder,
+            "innovations",
+        )
+    if len(estimate.names) > 1:
+        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+
+
+def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) -> None:
+    estimate, estimation = method.result.estimate, method.estimation
+    title = f"{study.scenario.title}\n{estimation.label}"
+    if estimate.history is not None:
+        prior = {name: (start.value, start.std) for name, start in estimation.start.items()}
+        true = {row.name: row.reference for row in method.rows if row.reference is not None}
+        published = {row.name: _pair(row.published) for row in method.rows if row.published is not None}
+        units = [row.unit for row in method.rows]
+        against = "condensed" if study.scenario.condensed else "true"
+        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against)
+        save_figure(histories, folder, f"parameters{suffix}")
+        units = _output_units(method.result.record, estimate.output_names)
+        save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, f"innovations{suffix}")
+    if method is study.main and len(estimate.names) > 1 and np.all(np.isfinite(estimate.correlation)):
+        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+
+
+def _told_apart(study: Study) -> list[MethodResult]:
+    """The main method and those whose residual of the same record differs so much that a figure shows it."""
+    z, valid = study.record.output_array(study.main.result.estimate.output_names)
+
+    def size(method: MethodResult) -> np.ndarray:
+        return np.sqrt(np.mean(np.where(valid, z - method.result.estimate.fitted[0], 0.0) ** 2, axis=1))
+
+    expected = size(study.main)
+    same_record = [m for m in study.methods[1:] if m.result.record is study.record and len(m.result.estimate.output_names) == len(z)]
+    return [study.main, *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART))][:MOST_RESPONSES]
+
+
+def _draw_ballistic(study: Study, folder: Path) -> None:
+    histories = {m.estimation.label: m.result.estimate.history for m in study.methods if m.result.estimate.history is not None}
+    kept = {label: history for label, history in histories.items() if history is not None}
+    if kept:
+        save_figure(figure_trajectory(study.record, kept, study.truth, study.scenario.title), folder, "trajectory")
+        true = study.truth.parameters["beta"].value
+        save_figure(figure_ballistic_coefficient(kept, true, title=study.scenario.title), folder, "ballistic_coefficient")
+
+
+def _response(method: MethodResult) -> Response:
+    return response_of(method.result.estimate, method.estimation.label)
+
+
+def _equivalents(study: Study) -> list[EquivalentRow]:
+    return [
+        EquivalentRow(
+            method.estimation.label,
+            row.name,
+            row.unit,
+            row.true,
+            row.condensed,
+            row.estimate,
+            row.std,
+            row.published.value if row.published else None,
+            row.published.std if row.published else None,
+        )
+        for method in study.methods
+        for row in method.rows
+        if row.true is not None and row.condensed is not None
+    ]
+
+
+def _pair(start: Start) -> tuple[float, float]:
+    return start.value, start.std
+
+
+def _output_units(record: Record, names: tuple[str, ...]) -> list[str]:
+    return [record[name].unit for name in names]

@@ -1,0 +1,78 @@
+"""The study folder of a scenario: record, truth, comparison, histories, figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json, write_record
+from scenarios.studies.comparison import comparison
+from scenarios.studies.study import MethodResult, Study
+from sim.truth.flight import Truth
+
+MAIN = "comparison.json"
+
+
+def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Path:
+    """Write a study into ``folder``, whole or not at all; returns the folder.
+
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``history.csv`` of a filter, figures as PNG,
+    ``comparison.json`` last. A method that saw other sensors leaves ``record_METHOD.csv``.
+    """
+    with study_folder(folder, MAIN) as scratch:
+        write_record(scratch, study.record)
+        for method in study.methods:
+            name = method.estimation.name
+            if method.result.record is not study.record:
+                write_record(scratch, method.result.record, f"record_{name}")
+            if method.result.estimate.history is not None:
+                suffix = "" if method is study.main else f"_{name}"
+                write_history(scratch / f"history{suffix}.csv", method)
+        write_json(scratch / "truth.json", truth_content(study.truth))
+        if figures:
+            from scenarios.studies.figures import draw_study
+
+            draw_study(study, scratch)
+        write_json(scratch / MAIN, comparison(study))
+    return Path(folder)
+
+
+def truth_content(truth: Truth) -> dict[str, Any]:
+    """True parameters, effects, noise and distance, without the histories."""
+    return {
+        "schema": "flightid/truth/1",
+        "parameters": {item.name: {"value": item.value, "unit": item.unit, "source": item.source} for item in truth.parameters},
+        "effects": list(truth.effects),
+        "noise_std": dict(truth.noise_std),
+        "process_density": dict(truth.process_density),
+        "distance": truth.distance.value,
+        "step": truth.step,
+        "method": truth.method,
+    }
+
+
+def write_history(path: Path, method: MethodResult) -> None:
+    """States and parameters after each sample with their standard deviations, and innovations, as CSV."""
+    history = method.result.estimate.history
+    assert history is not None
+    outputs = method.result.estimate.output_names
+    header = ["time"]
+    for name in history.names:
+        header += [name, f"std_{name}"]
+    for name in outputs:
+        header += [f"innovation_{name}", f"std_innovation_{name}"]
+    columns = [history.time]
+    for mean, std in zip(history.mean, history.std, strict=True):
+        columns += [mean, std]
+    for value, std in zip(history.innovation, history.innovation_std, strict=True):
+        columns += [value, std]
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([f"{value:.9g}" for value in row] for row in np.array(columns).T.tolist())
+    path.write_text(text.getvalue(), encoding="utf-8")

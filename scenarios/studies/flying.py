@@ -1,0 +1,128 @@
+"""From a scenario's flight to a record and its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
+from sim.declaration.model import Model, Noise
+from sim.errors import DeclarationError
+from sim.maneuvers.multisine import Sweep, schroeder_multisine
+from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.propagation.integrate import euler_step, rk4_step
+from sim.record import Record
+from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
+from sim.vehicles.factory import ballistic_model, flexible_model, rigid_model
+from sim.vehicles.library import read_parameter_set
+
+STEPS = {"rk4": rk4_step, "euler": euler_step}
+
+DISTANCES = {
+    "same equations and step": Distance.SAME_EQUATIONS,
+    "same equations, finer step": Distance.OTHER_STEP,
+    "same equations, other values": Distance.OTHER_VALUES,
+    "effect missing": Distance.EFFECT_MISSING,
+}
+
+
+def true_model(flight: Flight) -> Model:
+    """The vehicle that really flies, with its noise."""
+    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+
+
+def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
+    """A built-in vehicle with so many of its elastic modes."""
+    data = read_parameter_set(vehicle)
+    if data.equations == "ballistic":
+        return ballistic_model(data, noise)
+    return flexible_model(data, modes, noise) if modes else rigid_model(data, noise)
+
+
+def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record, Truth]:
+    """Fly the truth of a scenario; the same seed gives the same bytes.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is declared for no output.
+    """
+    flight = scenario.flight
+    model = true_model(flight)
+    place = where or "key flight"
+    inputs = {signal.name for signal in model.equations.inputs}
+    outputs = {signal.name for signal in model.equations.outputs}
+    for name in flight.noise_std:
+        if name not in outputs:
+            raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
+    by_input = maneuvers_by_input(flight.maneuvers, inputs, place)
+    time = sample_times(flight.rate, flight.duration)
+    measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    return fly(
+        model,
+        by_input,
+        time,
+        np.random.default_rng(seed),
+        step=min(flight.step, 1.0 / flight.rate),
+        method=STEPS[flight.integration],
+        outputs=measured,
+        distance=DISTANCES[scenario.distance],
+        name=scenario.name,
+    )
+
+
+def maneuvers_by_input(plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str) -> dict[str, Maneuver]:
+    """What moves each input; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+
+    Raises
+    ------
+    DeclarationError : a maneuver lacks a number or moves an input that is not there.
+    """
+    by_input: dict[str, Sum] = {}
+    for number, plan in enumerate(plans, start=1):
+        if plan.input not in inputs:
+            known = ", ".join(sorted(inputs)) or "none"
+            raise DeclarationError(f"there is no input {plan.input!r}", where=f"{place}.maneuvers[{number}]", remedy=f"its inputs are {known}")
+        before = by_input.get(plan.input, Sum())
+        by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
+    return {**by_input}
+
+
+def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:
+    """The same flight with sensors of other noise."""
+    std = {**truth.noise_std, **noise_std}
+    return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
+
+
+def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
+    """The maneuver that a plan describes.
+
+    Raises
+    ------
+    DeclarationError : a number that the kind needs is missing, or one is given that it does not take.
+    """
+    needed, build = _KINDS[plan.kind]
+    for name in needed:
+        if name not in plan.numbers:
+            raise DeclarationError(f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}")
+    for name in plan.numbers:
+        if name not in (*needed, "start"):
+            raise DeclarationError(f"a {plan.kind} takes no {name}", where=where, remedy=f"it takes {', '.join((*needed, 'start'))}")
+    return build(plan.numbers)
+
+
+_KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
+    "3-2-1-1": (("amplitude", "unit"), lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"])),
+    "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
+    "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),
+    "step": (("amplitude",), lambda n: step(n["amplitude"], n["start"])),
+    "sweep": (
+        ("amplitude", "first_frequency", "last_frequency", "duration"),
+        lambda n: Sweep(n["amplitude"], n["first_frequency"], n["last_frequency"], n["duration"], n["start"], taper=0.1 * n["duration"]),
+    ),
+    "multisine": (
+        ("amplitude", "duration", "harmonics"),
+        lambda n: schroeder_multisine(n["amplitude"], n["duration"], tuple(n["harmonics"]), n["start"]),
+    ),
+}

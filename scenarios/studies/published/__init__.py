@@ -1,0 +1,35 @@
+"""Numbers printed in papers, one file a paper; only shown beside estimates, never used to form them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+
+from scenarios.studies.declaration import PublishedChoice, Start
+from sim.errors import DeclarationError
+
+
+def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[str, Start]:
+    """Values and standard deviations of a published column, in the units given by parameter.
+
+    Raises
+    ------
+    DeclarationError : no such file, table or column.
+    """
+    from scenarios.files.units import to_si
+
+    entry = files("scenarios.studies.published").joinpath(f"{choice.file}.toml")
+    place = f"published {choice.file}, table {choice.table}"
+    if not entry.is_file():
+        raise DeclarationError("there is no such file of published numbers", where=choice.file, remedy="look into scenarios/published")
+    document = tomllib.loads(entry.read_text(encoding="utf-8"))
+    table = document.get(choice.table)
+    if not isinstance(table, dict) or not isinstance(table.get(choice.column), dict):
+        columns = ", ".join(key for key, value in table.items() if isinstance(value, dict)) if isinstance(table, dict) else "no such table"
+        raise DeclarationError(f"there is no column {choice.column!r}", where=place, remedy=f"it has {columns}")
+    out = {}
+    for name, row in table[choice.column].items():
+        factor = float(to_si(1.0, table["unit"], units.get(name, "1"), place, DeclarationError)) if "unit" in table else 1.0
+        out[name] = Start(row["value"] * factor, row["std"] * factor)
+    return out

@@ -1,0 +1,165 @@
+"""Runs a scenario: fly, estimate by every method it names, compare with truth, condensation and print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.flying_qualities.modal import modal_estimate
+from ident.statistics.residuals import ResidualTest, residual_tests
+from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Start
+from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
+from scenarios.studies.flying import fly_scenario, measured_again, true_model
+from scenarios.studies.notes import prior_note, residual_note
+from scenarios.studies.published import published_values
+from sim.errors import ModelError
+from sim.record import Record
+from sim.truth.flight import Truth
+from sim.vehicles.flexibility.degree import Flexibility, flexibility
+from sim.vehicles.flexibility.partial_condensation import condense_above
+from sim.vehicles.library import read_parameter_set
+
+
+@dataclass(frozen=True)
+class Row:
+    """One parameter of one method: what is true, what was estimated, what a paper found; all in ``unit``.
+
+    ``condensed`` is the coefficient by static condensation of the elastic modes that the model lacks: what it should find.
+    """
+
+    name: str
+    unit: str
+    estimate: float
+    std: float
+    true: float | None = None
+    condensed: float | None = None
+    published: Start | None = None
+
+    @property
+    def reference(self) -> float | None:
+        """What the estimate is held against: the condensed value where there is one, else the true one."""
+        return self.true if self.condensed is None else self.condensed
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error in the estimator's own standard deviations."""
+        return None if self.reference is None else (self.estimate - self.reference) / self.std
+
+    @property
+    def percent(self) -> float | None:
+        """Error in percent of the reference; None where that is zero."""
+        return None if not self.reference else 100.0 * (self.estimate - self.reference) / abs(self.reference)
+
+    @property
+    def published_sigmas(self) -> float | None:
+        """Error of the published value against the same reference, in the publication's own sigmas."""
+        if self.published is None or self.reference is None:
+            return None
+        return (self.published.value - self.reference) / self.published.std
+
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """What one method found."""
+
+    result: Result
+    rows: tuple[Row, ...]
+    derived: Mapping[str, tuple[float, float]]
+    fixed: Mapping[str, tuple[float, str]]
+    tests: tuple[ResidualTest, ...]
+
+    @property
+    def estimation(self) -> Estimation:
+        return self.result.estimation
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A scenario that has been run; the main method's result first."""
+
+    scenario: Scenario
+    seed: int
+    record: Record
+    truth: Truth
+    methods: tuple[MethodResult, ...]
+    notes: tuple[str, ...] = ()
+    flexibility: Flexibility | None = None
+
+    @property
+    def main(self) -> MethodResult:
+        return self.methods[0]
+
+
+def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
+    """Simulate, estimate and compare; the same seed gives the same numbers.
+
+    Raises
+    ------
+    FlightidError : the scenario declares something that cannot be flown or estimated.
+    """
+    chosen = scenario.seed if seed is None else seed
+    record, truth = fly_scenario(scenario, chosen)
+    methods = []
+    for estimation in scenario.estimations:
+        seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
+        methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
+    return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
+
+
+def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
+    """What an estimation's model should find where the vehicle has more modes than it: condensed coefficients by name, SI."""
+    if not scenario.condensed:
+        return EMPTY
+    values = read_parameter_set(scenario.flight.vehicle).values
+    return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
+
+
+def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
+    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
+    return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
+
+
+def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
+    """Of a scenario that is compared with condensed coefficients; None too where the condensed aircraft has no short period."""
+    flight = scenario.flight
+    if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:
+        return None
+    try:
+        return flexibility(read_parameter_set(flight.vehicle), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
+    except ModelError:
+        return None
+
+
+def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
+    notes = [prior_note(method.result) for method in methods]
+    if scenario.condensed:
+        model = true_model(scenario.flight)
+        notes += [residual_note(method.result, model) for method in methods]
+    return tuple(note for note in notes if note)
+
+
+def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, condensed: Mapping[str, float]) -> MethodResult:
+    model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+    result = estimate_record(estimation, record, model)
+    estimate = result.estimate
+    units = {name: unit for name, unit in zip(estimate.names, estimate.units, strict=True)}
+    published = published_values(estimation.published, units) if estimation.published else {}
+    rows = tuple(
+        Row(
+            name,
+            unit,
+            float(value),
+            float(std),
+            truth.parameters[name].value if name in truth.parameters else None,
+            condensed.get(name),
+            published.get(name),
+        )
+        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    )
+    z, valid = record.output_array(estimate.output_names)
+    tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
+    derived = modal_estimate(compiled(estimation, model), estimate) if estimation.model != "ballistic" else {}
+    fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
+    return MethodResult(result, rows, derived, fixed, tests)

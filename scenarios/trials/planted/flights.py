@@ -1,0 +1,138 @@
+"""From a tracing scenario to its two records, its vehicle file, and the truth that only the scoring opens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.studies.declaration import ManeuverPlan
+from scenarios.studies.flying import maneuvers_by_input
+from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
+from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
+from sim.errors import DeclarationError
+from sim.maneuvers.steps import Sum
+from sim.record import Record
+from sim.truth.flight import fly, sample_times
+from sim.vehicles.factory import BALLISTIC_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
+
+FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
+LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
+
+
+@dataclass(frozen=True, eq=False)
+class FlownTrace:
+    """Both records of a tracing scenario with their truth.
+
+    ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop those of the equivalent system
+    that its linear frequency response has. ``hidden`` the true parameters of each hidden term in the training record.
+    ``vehicle_file`` is the text of the file that the loop is given.
+    """
+
+    train: Record
+    validate: Record
+    derivatives: Mapping[str, float]
+    hidden: Mapping[str, Mapping[str, float]]
+    noise_std: Mapping[str, float]
+    step: float
+    vehicle_file: str
+
+
+def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
+    """Fly both records of a scenario, each with noise of its own; the same seed gives the same bytes.
+
+    Raises
+    ------
+    DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not there.
+    """
+    first, second = np.random.default_rng(seed).spawn(2)
+    if scenario.flight.vehicle.startswith(CLOSED_LOOP):
+        return _closed_loop(scenario, (first, second))
+    flight, vehicle = scenario.flight, true_vehicle(scenario.flight)
+    train = _fly(flight, flight.train, first, "train", validation=False)
+    validate = _fly(flight, flight.validate, second, "validate", validation=True)
+    derivatives = {item.name: item.value for item in vehicle.parameters if item.free and item.name in _declared(scenario, vehicle.parameters.names)}
+    hidden = {term.name: dict(term.values) for term in flight.hidden}
+    text = _vehicle_text(scenario, {item.name: item.value for item in vehicle.parameters}, derivatives)
+    return FlownTrace(train, validate, derivatives, hidden, dict(flight.noise_std), flight.step, text)
+
+
+def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
+    """Parameters that the declared model has: a rigid one those without a mode."""
+    if scenario.model == "flexible":
+        return set(names)
+    return {name for name in names if "eta" not in name or name == "beta"}
+
+
+def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> Record:
+    model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
+    inputs = {signal.name for signal in model.equations.inputs}
+    by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}")
+    outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
+    time = sample_times(flight.rate, plan.duration)
+    record, _ = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
+    return record
+
+
+def _closed_loop(scenario: TraceScenario, generators: tuple[np.random.Generator, np.random.Generator]) -> FlownTrace:
+    from sim.closed_loop.equivalent import equivalent_system
+    from sim.closed_loop.nonlinear import FlightOutcome, fly_closed_loop
+    from sim.closed_loop.reader import load_x29
+
+    flight = scenario.flight
+    plain = load_x29(flight.vehicle.removeprefix(CLOSED_LOOP))
+    aircraft, records = with_breakout(plain, flight.hidden), []
+    for name, plan, rng in zip(("train", "validate"), (flight.train, flight.validate), generators, strict=True):
+        record, truth = fly_closed_loop(aircraft, _stick(plan.maneuvers, f"key flight.{name}"), plan.duration, rng)
+        if truth.outcome is not FlightOutcome.COMPLETED:
+            raise DeclarationError("the aircraft departs", where=f"key flight.{name}", remedy="fly smaller maneuvers")
+        records.append(record)
+    equivalent = equivalent_system(plain)
+    values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
+    constants = {"airspeed": plain.airframe.airspeed, "gravity": plain.airframe.gravity, "vane_arm": plain.telemetry.vane_arm}
+    noise = {"alpha": plain.telemetry.alpha_noise, "q": plain.telemetry.q_noise, "nz": plain.telemetry.nz_noise}
+    hidden = {term.name: dict(term.values) for term in flight.hidden}
+    return FlownTrace(records[0], records[1], values, hidden, noise, plain.frame, _vehicle_text(scenario, constants, values))
+
+
+def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
+    moved = maneuvers_by_input(plans, {"stick"}, where)
+    return Sum((moved["stick"],)) if moved else Sum()
+
+
+def _vehicle_text(scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]) -> str:
+    """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces what it names."""
+    unknown = set(scenario.start) - set(derivatives)
+    if unknown:
+        what = f"there is no {', '.join(sorted(unknown))}"
+        raise DeclarationError(what, where=f"{scenario.name}, key estimate.start", remedy=f"use {', '.join(derivatives)}")
+    started = {name: value * (1.0 + scenario.wrong * (-1.0) ** i) for i, (name, value) in enumerate(derivatives.items())}
+    started |= dict(scenario.start)
+    constants = {"ballistic": tuple(BALLISTIC_CONSTANTS), "loes": ("airspeed", "gravity", "vane_arm")}.get(scenario.model, tuple(RIGID_CONSTANTS))
+    lines = [f'name = "{scenario.flight.vehicle}"', *(f"{name} = {values[name]!r}" for name in constants)]
+    modal = {name: number for name in started if (number := _mode_of(name))}
+    lines += ["[derivatives]", *(f"{name} = {value!r}" for name, value in started.items() if name not in modal)]
+    for number in sorted(set(modal.values())):
+        lines += ["[[modes]]", *(f"{key} = {values[f'{name}{number}']!r}" for name, key in FILE_NAMES.items() if name in MODE_CONSTANTS)]
+        lines += [f"{name} = {value!r}" for name, value in started.items() if modal.get(name) == number]
+    return "\n".join(lines) + "\n"
+
+
+def _mode_of(name: str) -> int:
+    """Number of the elastic mode that a derivative belongs to, 0 for a rigid one: ``CL_eta1``, ``Ceta1_q``."""
+    if name.startswith("Ceta"):
+        return int(name[4 : name.index("_")])
+    return int("".join(c for c in name if c.isdigit())) if "eta" in name and name != "beta" else 0
+
+
+def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
+    """Training record, validation record and vehicle file in a folder: all that the loop is told."""
+    from scenarios.files.writing import write_record
+
+    train, _ = write_record(folder, flown.train, "train")
+    validate, _ = write_record(folder, flown.validate, "validate")
+    vehicle = folder / "vehicle.toml"
+    vehicle.write_text(flown.vehicle_file, encoding="utf-8")
+    return train, validate, vehicle

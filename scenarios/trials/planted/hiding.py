@@ -1,0 +1,87 @@
+"""Hidden terms by name: effects of the library, and the truth's own of `scenarios.trials.hidden`."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import replace
+
+from scenarios.trials.planted.declaration import HiddenTerm, TraceFlight
+from sim.closed_loop.airframe import X29
+from sim.declaration.effect import Effect, full_name
+from sim.declaration.model import Equations, Model, Noise
+from sim.errors import DeclarationError
+
+OWN = "own:"
+CLOSED_LOOP = "x29-"
+BREAKOUT = "input-deadband"
+
+
+def own_terms() -> Mapping[str, Effect]:
+    """The truth's own terms by name."""
+    package = importlib.import_module("scenarios.trials.hidden")
+    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
+    terms = [importlib.import_module(f"{package.__name__}.{name}").TERM for name in names]
+    return {term.name: term for term in terms}
+
+
+def true_vehicle(flight: TraceFlight) -> Model:
+    """The vehicle of a flight without what is hidden."""
+    from scenarios.studies.flying import vehicle_model
+
+    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std))
+
+
+def hidden_units(name: str, vehicle: str, where: str) -> Mapping[str, str]:
+    """Local parameters of a hidden term with their units.
+
+    Raises
+    ------
+    DeclarationError : there is no such term for this vehicle.
+    """
+    if vehicle.startswith(CLOSED_LOOP):
+        if name != BREAKOUT:
+            raise DeclarationError(f"{name!r} in a closed loop", where=f"{where}.name", remedy=f"use {BREAKOUT}, the break-out of its stick")
+        return {"half_width": "in"}
+    from sim.vehicles.factory import model_of
+    from sim.vehicles.library import read_parameter_set
+
+    effect = find_term(name, model_of(read_parameter_set(vehicle)).equations, where)
+    return {item.name: item.unit for item in effect.parameters}
+
+
+def find_term(name: str, equations: Equations, where: str) -> Effect:
+    """A hidden term that acts on these equations; DeclarationError where there is none."""
+    from sim.effects.library import applies, find_effect
+    from sim.errors import ModelError
+
+    if name.startswith(OWN):
+        terms = own_terms()
+        if name not in terms or not applies(terms[name], equations):
+            raise DeclarationError(f"there is no term {name!r} for {equations.name}", where=f"{where}.name", remedy=f"use one of {', '.join(terms)}")
+        return terms[name]
+    try:
+        return find_effect(name, equations)
+    except ModelError as fault:
+        raise DeclarationError(fault.what, where=f"{where}.name", remedy=fault.remedy) from None
+
+
+def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: bool) -> Model:
+    """The vehicle with what is hidden in one of its two records.
+
+    Raises
+    ------
+    DeclarationError : a parameter of a hidden term has no value.
+    """
+    for term in hidden:
+        effect = find_term(term.name, model.equations, term.name)
+        values = {**term.values, **(term.elsewhere if validation else {})}
+        model = model.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
+    return model
+
+
+def with_breakout(x29: X29, hidden: tuple[HiddenTerm, ...]) -> X29:
+    """The closed loop with the break-out that is declared, in; none without a hidden term."""
+    width = next((term.values["half_width"] for term in hidden if term.name == BREAKOUT), 0.0)
+    return replace(x29, stick=replace(x29.stick, dead_band=width))

@@ -1,0 +1,123 @@
+"""The schema of tracing scenarios (pydantic), and the way from a checked file to a TraceScenario; imported only when one is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from scenarios.files.declarations import checked
+from scenarios.files.vehicles_schema import STRICT
+from scenarios.studies.declaration import ManeuverPlan
+from scenarios.studies.schema import Maneuver, Quantity, maneuver_plans, positive, si, standard_deviations
+from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
+from scenarios.trials.planted.hiding import hidden_units
+from sim.errors import DeclarationError
+
+Name = Annotated[str, Field(min_length=1)]
+DISTANCES = ("nothing missing", "effect missing", "effect of another form missing", "nothing in the library fits")
+
+
+class _Strict(BaseModel):
+    model_config = STRICT
+
+
+class _Record(_Strict):
+    duration: Quantity
+    maneuvers: list[Maneuver] = []
+
+
+class _Flight(_Strict):
+    vehicle: Name
+    rate: Quantity = 50.0
+    step: Quantity = 0.001
+    modes: int = Field(default=0, ge=0)
+    noise_std: dict[str, Quantity] = {}
+    noise_variance: dict[str, str] = {}
+    train: _Record
+    validate_: _Record = Field(alias="validate")
+
+
+class _Hidden(_Strict):
+    name: Name
+    values: dict[str, Quantity] = {}
+    elsewhere: dict[str, Quantity] = {}
+
+
+class _Estimate(_Strict):
+    model: Literal["ballistic", "rigid", "flexible", "loes"]
+    wrong: float = Field(default=0.3, ge=0, lt=1)
+    start: dict[str, float] = {}
+
+
+class _Expect(_Strict):
+    verdicts: list[Literal["consistent", "traced", "partial", "ambiguous", "unexplained"]] = Field(min_length=1)
+    effects: list[list[str]] = []
+
+
+class _Trace(_Strict):
+    schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
+    kind: Literal["trace"]
+    title: Name
+    about: str = ""
+    distance: Literal["nothing missing", "effect missing", "effect of another form missing", "nothing in the library fits"]
+    seed: int = Field(default=1, ge=0)
+    flight: _Flight
+    hidden: list[_Hidden] = []
+    estimate: _Estimate
+    expect: _Expect
+
+
+def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> TraceScenario:
+    """A TraceScenario from the content of its file; ``where`` names the file in messages.
+
+    Raises
+    ------
+    DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that is not there: one line with file and key.
+    """
+    content = checked(_Trace, document, where)
+    flight = content.flight
+    hidden = tuple(_hidden(item, flight.vehicle, f"{where}, key hidden[{number}]") for number, item in enumerate(content.hidden, start=1))
+    if bool(hidden) == (content.distance == "nothing missing") and not flight.vehicle.startswith("x29-"):
+        what = "something is hidden" if hidden else "nothing is hidden"
+        if hidden or not flight.modes:
+            raise DeclarationError(f"{what}, and the distance is {content.distance!r}", where=f"{where}, key distance", remedy="make the two agree")
+    return TraceScenario(
+        name,
+        content.title,
+        " ".join(content.about.split()),
+        content.distance,
+        TraceFlight(
+            flight.vehicle,
+            _record(flight.train, f"{where}, key flight.train"),
+            _record(flight.validate_, f"{where}, key flight.validate"),
+            hidden,
+            standard_deviations(flight.noise_std, flight.noise_variance, f"{where}, key flight"),
+            positive(si(flight.rate, "1/s", f"{where}, key flight.rate", {"hz": "1/s"}), f"{where}, key flight.rate"),
+            positive(si(flight.step, "s", f"{where}, key flight.step"), f"{where}, key flight.step"),
+            flight.modes,
+        ),
+        content.estimate.model,
+        Expectation(tuple(content.expect.verdicts), tuple(tuple(sorted(names)) for names in content.expect.effects)),
+        content.estimate.wrong,
+        dict(content.estimate.start),
+        content.seed,
+    )
+
+
+def _record(record: _Record, where: str) -> RecordPlan:
+    plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where)
+    return RecordPlan(positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans)
+
+
+def _hidden(item: _Hidden, vehicle: str, where: str) -> HiddenTerm:
+    units = hidden_units(item.name, vehicle, where)
+
+    def values(table: Mapping[str, Quantity], key: str) -> dict[str, float]:
+        for name in table:
+            if name not in units:
+                raise DeclarationError(f"{item.name} has no {name}", where=f"{where}.{key}", remedy=f"it has {', '.join(units)}")
+        return {name: si(value, units[name], f"{where}.{key}.{name}") for name, value in table.items()}
+
+    return HiddenTerm(item.name, values(item.values, "values"), values(item.elsewhere, "elsewhere"))

@@ -1,0 +1,60 @@
+"""A tracing study in words and tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.report.wording import value_text
+from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.trials.planted.study import Grade, Scored, TraceStudy
+
+
+def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
+    """Before and after as `flightid diagnose` shows them, then what the truth says of it."""
+    scenario = study.scenario
+    blocks = [
+        [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
+        diagnosis_text(study.tracing, width).rstrip().split("\n"),
+        table(("derivative", "unit", "true", "before", "after", "error, sigmas"), _rows(study.derivatives), left=2, title=_title(study)),
+        table(("effect", "unit", "true", "estimate", "error, sigmas"), [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2),
+        [f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _title(study: TraceStudy) -> str:
+    if study.scenario.model == "loes":
+        return "derivatives; true are those of the equivalent system that fits the linear loop's frequency response"
+    return "derivatives against the truth"
+
+
+def _rows(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
+    return [
+        (
+            row.name,
+            row.unit if row.unit != "1" else "",
+            f"{row.true:.5g}",
+            value_text(row.before.value, row.before.std) if row.before else "-",
+            value_text(row.after.value, row.after.std),
+            f"{row.sigmas:+.1f}",
+        )
+        for row in scored
+    ]
+
+
+def _hidden(study: TraceStudy) -> str:
+    terms = [f"{name} ({', '.join(f'{key} {value:g}' for key, value in values.items())})" for name, values in study.flown.hidden.items()]
+    if study.scenario.flight.modes and study.scenario.model == "rigid":
+        terms.insert(0, f"{study.scenario.flight.modes} elastic mode{'s' if study.scenario.flight.modes > 1 else ''}")
+    return f"hidden was {' and '.join(terms)}" if terms else "nothing was hidden"
+
+
+def _expected(study: TraceStudy) -> str:
+    expect = study.scenario.expect
+    sets = " or ".join(" + ".join(names) for names in expect.effects)
+    return " or ".join(expect.verdicts) + (f": {sets}" if sets else "")
+
+
+def _verdict(grade: Grade) -> str:
+    return grade.value

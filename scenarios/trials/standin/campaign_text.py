@@ -1,0 +1,81 @@
+"""A campaign of stand-ins in tables, and as files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from scenarios.diagnosis.report.content import bounded, versions
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json
+from scenarios.terminal.plain_tables import table
+from scenarios.trials.standin.campaign import Judged, Share, by_derivative, by_effect, shares
+from scenarios.trials.standin.declaration import StandIn
+
+_LABELS = {
+    "named": "hidden effects named, alone or in a group",
+    "named_alone": "hidden effects named alone",
+    "false_claims": "flights with a claim that nothing true stands behind",
+    "small_claims": "flights with a claim of a small cause that acts",
+    "held_out_worse": "held-out error made worse than its scatter",
+    "within_two_sigma": "derivatives within two sigmas of pseudo-true values",
+}
+
+
+def campaign_text(standin: StandIn, judged: Sequence[Judged]) -> str:
+    """Shares with intervals, effect by effect, derivative by derivative."""
+    rows = [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
+    effects = [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
+    derivatives = [
+        (name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in by_derivative(judged).items()
+    ]
+    seeds = [flight.seed for flight in judged]
+    verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
+    false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    blocks = [
+        [f"{standin.name}: {len(judged)} flights, seeds {seeds[0]} to {seeds[-1]}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
+        table(("share", "count", "percent", "95 % interval"), rows),
+        false,
+        table(("hidden effect", "flights", "named alone", "in a group"), effects),
+        table(
+            ("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"),
+            derivatives,
+            title="within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative",
+        ),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path) -> Path:
+    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last)."""
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["seed", "verdict", "hidden", "named", "said", "false_claims", "small_claims", "worse"])
+        for flight in judged:
+            lists = ([name for name, _ in flight.named], [each.name.lower() for _, each in flight.named], flight.claimed, flight.false, flight.small)
+            writer.writerow([flight.seed, flight.verdict, *(" + ".join(names) for names in lists), int(flight.worse)])
+        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8")
+        found = {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares(judged).items()}
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": standin.name,
+            "first_seed": judged[0].seed,
+            "runs": len(judged),
+            "shares": found,
+            "effects": {name: {"flights": n, "alone": alone, "group": grouped} for name, (n, alone, grouped) in by_effect(judged).items()},
+            "derivatives": {
+                name: {"within_two_sigma": inside.count, "of": inside.of, "bias": bounded(middle), "bias_size": bounded(size)}
+                for name, (inside, middle, size) in by_derivative(judged).items()
+            },
+            "versions": versions(),
+        }
+        write_json(scratch / "campaign.json", content)
+    return Path(out)
+
+
+def _share(share: Share) -> tuple[str, str, str]:
+    low, high = share.interval
+    return f"{share.count} of {share.of}", f"{100.0 * share.count / share.of:.1f} %", f"{100.0 * low:.1f} to {100.0 * high:.1f} %"

@@ -1,0 +1,55 @@
+"""From a stand-in and a seed to a flight: drawn, with what dominates, flown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.trials.standin.declaration import StandIn
+from scenarios.trials.standin.dominant import draw_dominant
+from scenarios.trials.standin.drawing import Drawn, draw
+from scenarios.trials.standin.flying import FlownRecord, fly_drawn
+from sim.record import Record
+from sim.vehicles.factory import RIGID_CONSTANTS
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A flown stand-in: ``drawn`` is the truth of the whole flight, ``flown`` that of each record with the record itself."""
+
+    drawn: Drawn
+    flown: tuple[FlownRecord, ...]
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        return tuple(flown.record for flown in self.flown)
+
+
+def fly_standin(standin: StandIn, seed: int) -> Flight:
+    """Draw and fly; the same seed gives the same bytes.
+
+    Raises
+    ------
+    DeclarationError : a maneuver, a vehicle or a hidden effect that is not there.
+    """
+    plan, dominant, air = np.random.default_rng(seed).spawn(3)
+    drawn = draw_dominant(draw(standin, plan), dominant)
+    return Flight(drawn, fly_drawn(drawn, air))
+
+
+def vehicle_text(drawn: Drawn) -> str:
+    """The vehicle file that the loop is given: true nominal constants, derivatives that are off."""
+    lines = [f'name = "{drawn.vehicle}"', *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in RIGID_CONSTANTS)]
+    return "\n".join([*lines, "[derivatives]", *(f"{name} = {float(value)!r}" for name, value in drawn.starts.items())]) + "\n"
+
+
+def write_flight(flight: Flight, folder: Path) -> tuple[list[Path], Path]:
+    """``record_1.csv`` and on with their sidecars, and ``vehicle.toml``: all that the loop is told; the paths of records and vehicle file."""
+    from scenarios.files.writing import write_record
+
+    paths = [write_record(folder, record, record.name)[0] for record in flight.records]
+    vehicle = folder / "vehicle.toml"
+    vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
+    return paths, vehicle

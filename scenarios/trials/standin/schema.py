@@ -1,0 +1,189 @@
+"""The schema of stand-in scenarios (pydantic), and the way from a checked file to a StandIn; imported only when one is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import checked, closest
+from scenarios.files.vehicles_schema import STRICT
+from scenarios.studies.schema import Quantity, positive, si
+from scenarios.trials.detection import AIRCRAFT
+from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
+from scenarios.trials.standin.dominant import KINDS as EFFECTS
+from scenarios.trials.standin.maneuvers import KINDS as MANEUVERS
+from sim.errors import DeclarationError
+
+Name = Annotated[str, Field(min_length=1)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
+VEHICLES = (*AIRCRAFT, "bomber_rigid")
+FEWEST, MOST = 2, 12
+
+
+class _Strict(BaseModel):
+    model_config = STRICT
+
+
+class _Flight(_Strict):
+    vehicles: list[Name] = Field(min_length=1)
+    variation: Annotated[float, Field(ge=0, lt=0.5)] = 0.2
+    records: Annotated[list[int], Field(min_length=2, max_length=2)] = [4, 6]
+    duration: Quantity = 25.0
+    rates: Annotated[list[Quantity], Field(min_length=1)] = [25.0, 40.0, 50.0]
+    maneuvers: Annotated[list[Name], Field(min_length=1)] = list(MANEUVERS)
+    amplitude: Pair
+    step: Quantity = 0.005
+    surface: Quantity = 20.0
+    trim_alpha: Pair = [0.0, 0.0]
+    total: bool = True
+    optional: Share = 0.0
+
+
+class _Causes(_Strict):
+    anti_alias: Quantity = 0.0
+    anti_alias_spread: Share = 0.0
+    anti_alias_odd: Share = 0.0
+    input_noise: Quantity = 0.0
+    turbulence: Quantity = 0.0
+    turbulence_length: Quantity = 300.0
+    speed_drift: Share = 0.0
+    gravity: Share = 0.0
+    trim_lift: Share = 0.0
+    downwash: Share = 0.0
+    downwash_lag: Quantity = 0.1
+    elastic: Share = 0.0
+    moment_curvature: Share = 0.0
+    lift_curvature: Share = 0.0
+    mass_scatter: Share = 0.0
+    inertia_scatter: Share = 0.0
+    airspeed_scatter: Share = 0.0
+    density_scatter: Share = 0.0
+    trim_scatter: Quantity = 0.0
+    noise_std: dict[str, Quantity] = {}
+    noise_time: Quantity = 0.05
+
+
+class _Hidden(_Strict):
+    count: int = Field(default=0, ge=0, le=3)
+    names: list[Name] = []
+    reduction: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.45, 0.65]
+
+
+class _Estimate(_Strict):
+    wrong: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.05, 0.3]
+    draws: int = Field(default=20, ge=0)
+
+
+class _StandIn(_Strict):
+    schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
+    kind: Literal["standin"]
+    title: Name
+    about: str = ""
+    seed: int = Field(default=1, ge=0)
+    flight: _Flight
+    causes: _Causes = _Causes()
+    hidden: _Hidden = _Hidden()
+    estimate: _Estimate = _Estimate()
+
+
+# SI units of the levels that have one; the others are shares.
+CAUSE_UNITS = {
+    "anti_alias": "1/s",
+    "input_noise": "rad",
+    "turbulence": "m/s",
+    "turbulence_length": "m",
+    "downwash_lag": "s",
+    "trim_scatter": "rad",
+    "noise_time": "s",
+}
+HERTZ = {"hz": "1/s"}
+
+
+def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
+    """A StandIn from the content of its file; ``where`` names the file in messages.
+
+    Raises
+    ------
+    DeclarationError : an unknown or missing key, name, unit or value: one line with file and key.
+    """
+    content = checked(_StandIn, document, where)
+    hidden = content.hidden
+    _known(hidden.names, tuple(EFFECTS), "effect that can be hidden here", f"{where}, key hidden.names")
+    if hidden.count > len(hidden.names):
+        what = f"{hidden.count} of {len(hidden.names)} names"
+        raise DeclarationError(what, where=f"{where}, key hidden.count", remedy="name as many effects as are hidden, or more")
+    return StandIn(
+        name,
+        content.title,
+        " ".join(content.about.split()),
+        _flight(content.flight, f"{where}, key flight"),
+        _causes(content.causes, f"{where}, key causes"),
+        Hidden(hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{where}, key hidden.reduction")),
+        _shares(content.estimate.wrong, f"{where}, key estimate.wrong"),
+        content.estimate.draws,
+        content.seed,
+    )
+
+
+def _flight(flight: _Flight, place: str) -> FlightLine:
+    _known(flight.vehicles, VEHICLES, "vehicle", f"{place}.vehicles")
+    _known(flight.maneuvers, tuple(MANEUVERS), "maneuver", f"{place}.maneuvers")
+    fewest, most = flight.records
+    if not FEWEST <= fewest <= most <= MOST:
+        raise DeclarationError(f"{fewest} to {most} records", where=f"{place}.records", remedy=f"give fewest and most, from {FEWEST} to {MOST}")
+    duration = positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration")
+    if duration < 8.0:
+        raise DeclarationError(f"{duration:g} s hold no maneuver", where=f"{place}.duration", remedy="give 8 s or more")
+    return FlightLine(
+        tuple(flight.vehicles),
+        flight.variation,
+        (fewest, most),
+        duration,
+        tuple(positive(si(rate, "1/s", f"{place}.rates", HERTZ), f"{place}.rates") for rate in flight.rates),
+        tuple(flight.maneuvers),
+        _span(flight.amplitude, "rad", f"{place}.amplitude"),
+        positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
+        positive(si(flight.surface, "rad/s", f"{place}.surface"), f"{place}.surface"),
+        _span(flight.trim_alpha, "rad", f"{place}.trim_alpha"),
+        flight.total,
+        flight.optional,
+    )
+
+
+def _causes(causes: _Causes, place: str) -> Causes:
+    _known(list(causes.noise_std), (*MEASURED, *OPTIONAL), "channel", f"{place}.noise_std")
+    levels = causes.model_dump(exclude={"noise_std"})
+    for name, unit in CAUSE_UNITS.items():
+        levels[name] = si(levels[name], unit, f"{place}.{name}", HERTZ)
+        if name in ("turbulence_length", "downwash_lag", "noise_time"):
+            positive(levels[name], f"{place}.{name}")
+        elif not 0.0 <= levels[name] < float("inf"):
+            raise DeclarationError(f"{levels[name]:g} is no level", where=f"{place}.{name}", remedy="give zero or a positive number")
+    noise = {name: si(value, CHANNEL_UNITS[name], f"{place}.noise_std.{name}") for name, value in causes.noise_std.items()}
+    return Causes(**levels, noise_std={name: positive(value, f"{place}.noise_std.{name}") for name, value in noise.items()})
+
+
+def _span(pair: Sequence[Quantity], unit: str, where: str) -> Span:
+    return _ordered(si(pair[0], unit, where), si(pair[1], unit, where), where)
+
+
+def _shares(pair: Sequence[float], where: str) -> Span:
+    if not all(0.0 <= value < 1.0 for value in pair):
+        raise DeclarationError(f"{list(pair)} are no shares", where=where, remedy="give two numbers from 0 to below 1")
+    return _ordered(pair[0], pair[1], where)
+
+
+def _ordered(low: float, high: float, where: str) -> Span:
+    if not low <= high:
+        raise DeclarationError(f"{low:g} to {high:g}", where=where, remedy="give the lower one first")
+    return low, high
+
+
+def _known(names: Sequence[str], known: tuple[str, ...], what: str, where: str) -> None:
+    for name in names:
+        if name not in known:
+            raise DeclarationError(f"there is no {what} {name!r}", where=where, remedy=closest(name, known))
