@@ -15,7 +15,7 @@ from scenarios.files.writing import write_record
 from sim.record import Channel
 from tests.integration.command_line import VEHICLE, CommandLine, contents
 from tests.oracles.flight_path import Sensors
-from tests.unit.compatibility.flights import FOUR, SPEED, THREE, record
+from tests.unit.ident.compatibility.flights import FOUR, SPEED, THREE, record
 
 LOES = f"airspeed = {SPEED}\ngravity = 9.80665\nvane_arm = 4.0\n[derivatives]\n" + "".join(
     f"{name} = 1.0\n" for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")

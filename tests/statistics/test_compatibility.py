@@ -11,7 +11,7 @@ from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.flight_path import Sensors
 from tests.oracles.undeclared_flights import FIGHTER, TRAINER, Hidden
-from tests.unit.compatibility.flights import FOUR, NOISE, SPEED, THREE, in_rough_air, record
+from tests.unit.ident.compatibility.flights import FOUR, NOISE, SPEED, THREE, in_rough_air, record
 
 LATE = 0.06
 

@@ -13,7 +13,7 @@ from ident.compatibility.noise import NoiseModel, smoothed_walk, walk_gains, whi
 from ident.compatibility.signals import Signals, relations, signals_of
 from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
 from tests.oracles.flight_path import Sensors
-from tests.unit.compatibility.flights import ALL, FOUR, SPEED, THREE, record
+from tests.unit.ident.compatibility.flights import ALL, FOUR, SPEED, THREE, record
 
 CLOSE = {"alpha": 2e-4, "theta": 5e-5, "airspeed": 0.02}
 

@@ -22,7 +22,7 @@ from scenarios.plots.files import figure_png, save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
-from tests.unit.plots.conftest import Study
+from tests.unit.scenarios.plots.conftest import Study
 
 ROOT = Path(__file__).parents[3]
 Studies = Mapping[str, Study]

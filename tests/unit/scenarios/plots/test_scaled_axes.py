@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
-from tests.unit.plots.conftest import Study
+from tests.unit.scenarios.plots.conftest import Study
 
 
 def powers_above(figure: Figure) -> list[str]:

@@ -7,7 +7,7 @@ import pytest
 from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.witness import KinematicWitness
-from tests.unit.diagnosis.test_kinematics import checked, estimate, finding
+from tests.unit.scenarios.diagnosis.test_kinematics import checked, estimate, finding
 
 DELAY = {"delay": Quantity(0.061, 0.002, "s")}
 

@@ -19,7 +19,7 @@ from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
 from sim.errors import ModelError
 from sim.record import Hold
-from tests.unit.plots.conftest import Study
+from tests.unit.scenarios.plots.conftest import Study
 
 DEGREES = 180.0 / np.pi
 POUND = 4.8824276  # kg/m2 in one lb/ft2

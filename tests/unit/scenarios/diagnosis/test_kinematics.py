@@ -35,7 +35,7 @@ from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of
 from tests.integration.command_line import VEHICLE
 from tests.oracles.flight_path import Sensors
-from tests.unit.compatibility.flights import FOUR, SPEED, record
+from tests.unit.ident.compatibility.flights import FOUR, SPEED, record
 
 AT_130 = CompatibilitySettings(airspeed=130.0)
 LATE = Claim("sensor-delay:alpha", {"delay": Quantity(0.061, 0.002, "s")}, ("sensor-lag:alpha",))

@@ -16,7 +16,7 @@ from ident.compatibility.signals import signals_of
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.undeclared_flights import TRAINER
-from tests.unit.compatibility.flights import THREE, in_rough_air, record
+from tests.unit.ident.compatibility.flights import THREE, in_rough_air, record
 
 
 def checked(records: list[Record]) -> Compatibility:

@@ -13,7 +13,7 @@ from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles import undeclared_flights as flights
 from tests.oracles.flight_path import UNITS, Sensors
-from tests.unit.compatibility.flights import ALL, FOUR, NOISE, SPEED, THREE, record
+from tests.unit.ident.compatibility.flights import ALL, FOUR, NOISE, SPEED, THREE, record
 
 SETTINGS = CompatibilitySettings(SPEED)
 
