@@ -112,7 +112,7 @@ def qualities(estimate: Estimate, airspeed: float, gravity: float, fixed: Mappin
 
 def criteria() -> tuple[Criterion, ...]:
     """The boundaries of the data file."""
-    entries = tomllib.loads((files("ident") / "handling_qualities.toml").read_text(encoding="utf-8"))["criteria"]
+    entries = tomllib.loads((files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8"))["criteria"]
     return tuple(Criterion(e["quantity"], e["category"], tuple((float(a), float(b)) for a, b in e["levels"]), e["source"]) for e in entries)
 
 

@@ -116,4 +116,4 @@ def _capital(sentence: str) -> str:
 
 
 def _resource(name: str) -> str:
-    return files("scenarios.report").joinpath(name).read_text(encoding="utf-8")
+    return files("scenarios.diagnosis.report").joinpath(name).read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
     entry = files("scenarios.studies.published").joinpath(f"{choice.file}.toml")
     place = f"published {choice.file}, table {choice.table}"
     if not entry.is_file():
-        raise DeclarationError("there is no such file of published numbers", where=choice.file, remedy="look into scenarios/published")
+        raise DeclarationError("there is no such file of published numbers", where=choice.file, remedy="look into scenarios/studies/published")
     document = tomllib.loads(entry.read_text(encoding="utf-8"))
     table = document.get(choice.table)
     if not isinstance(table, dict) or not isinstance(table.get(choice.column), dict):

@@ -20,7 +20,7 @@ from sim.errors import FlightidError
 from sim.record import Record
 from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs
 
-EXAMPLE = Path(__file__).parents[3] / "docs" / "how-to" / "own-effect.md"
+EXAMPLE = Path(__file__).parents[4] / "docs" / "how-to" / "own-effect.md"
 
 
 class Loop:

@@ -17,7 +17,7 @@ from scenarios.files.records import read_record, rows_between
 from sim.errors import RecordError
 from sim.record import Hold
 
-SHARED = Path(__file__).parents[4] / "shared"
+SHARED = Path(__file__).parents[5] / "shared"
 
 
 def csv_file(folder: Path, text: str, name: str = "run.csv") -> Path:

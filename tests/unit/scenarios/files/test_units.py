@@ -126,7 +126,7 @@ open("r.csv", "w").write("time,alpha_mrad\\n0,0\\n1,0\\n")
 read_record("r.csv", [], ["alpha"])
 print("pint" in sys.modules)
 """
-    root = str(Path(__file__).parents[3])
+    root = str(Path(__file__).parents[4])
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path.insert(0, {root!r})\n{script}"], cwd=tmp_path, capture_output=True, text=True, check=True
     )

@@ -199,7 +199,7 @@ def test_files_that_are_no_vehicle(tmp_path: Path) -> None:
         read_vehicle(tmp_path, "rigid")
 
 
-SHARED = Path(__file__).parents[4] / "shared"
+SHARED = Path(__file__).parents[5] / "shared"
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the practice records are not at hand")

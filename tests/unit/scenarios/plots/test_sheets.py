@@ -24,7 +24,7 @@ from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
 from tests.unit.scenarios.plots.conftest import Study
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 Studies = Mapping[str, Study]
 
 

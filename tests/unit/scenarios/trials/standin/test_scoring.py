@@ -222,7 +222,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
 
 @pytest.mark.parametrize("title", SECTIONS)
 def test_keys_and_defaults_are_documented(title: str) -> None:
-    text = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[5] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
     rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| `")]
     documented = {key.strip().strip("`"): default.strip() for key, default, *_ in rows}

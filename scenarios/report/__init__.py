@@ -1,1 +1,0 @@
-"""Reports to read in a browser: one HTML file each that needs nothing else."""
