@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+
+LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 class Outcome(Enum):
@@ -113,3 +118,13 @@ class Estimate:
     def as_dict(self) -> dict[str, float]:
         """Values by name, for ``Model.with_values``."""
         return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
+
+
+@contextmanager
+def quiet_numerics() -> Iterator[None]:
+    """No warnings of overflow or ill condition from a computation whose result is judged by ``breakdown``."""
+    from scipy.linalg import LinAlgWarning
+
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", LinAlgWarning)
+        yield

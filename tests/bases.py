@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import Step, rk4_step, simulate
 from sim.record import Hold

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Recursive filters with runs on an axis."""

@@ -11,8 +11,8 @@ import numpy as np
 from ident.banks.any_equations import decorrelated, march_of_steps
 from ident.banks.bilinear_equations import march_of_table
 from ident.banks.runs import BankHistory, BankPass, BankRuns, BankTrace, Stretch
+from ident.estimate import LARGEST
 from ident.filters.ekf import FilterSettings
-from ident.filters.history import LARGEST
 from ident.filters.problem import FilterProblem
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))

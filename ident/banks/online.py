@@ -1,6 +1,6 @@
 """The bank of delays one row at a time: a state and new rows in, a state for each row out.
 
-The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, by the same `ident.banks.bilinear_equations`, equal to rounding. What
+The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, equal to rounding. What
 differs is where the input at the vehicle comes from: it is the mean of the delayed stick over each interval, from the recent rows
 alone. Rows that wait are filtered together, and what is rare is looked for afterwards: where a sample turns out to be a spike,
 the rows from there on are filtered again without it.

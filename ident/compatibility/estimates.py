@@ -9,10 +9,10 @@ import numpy as np
 
 from ident.compatibility.fitting import Fit, positions, prior_information, whitened
 from ident.compatibility.instruments import part_of_controls
-from ident.compatibility.inverses import bounded_inverse, covariance_of
 from ident.compatibility.noise import walk_gains
 from ident.compatibility.unknowns import linearised, unknowns_of
 from ident.statistics.coloured_covariance import corrected_covariance
+from ident.statistics.information import bounded_inverse, covariance_of
 
 _PASSES = 4
 

@@ -9,8 +9,8 @@ import numpy as np
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit, positions, prior_information, whitened
 from ident.compatibility.instruments import weigher
-from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.unknowns import linearised, unknowns_of
+from ident.statistics.information import bounded_inverse
 
 
 def one_step(base: Fit, faults: Sequence[SensorFault]) -> list[Fit]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.instruments import Weigher, weigher
-from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.noise import NoiseEvidence, NoiseModel, first_noise, settled_noise, whitener
 from ident.compatibility.signals import Signals
 from ident.compatibility.unknowns import evaluate, linearised, start_of, unknowns_of
+from ident.statistics.information import bounded_inverse
 
 _ITERATIONS = 8
 _SMALL = 2e-3  # twice the gain of a step that is not worth taking

@@ -9,9 +9,9 @@ import numpy as np
 from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
 from ident.compatibility.fitting import Fit, positions
 from ident.compatibility.instruments import weigher
-from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.trials import Trial
 from ident.compatibility.unknowns import evaluate, unknowns_of
+from ident.statistics.information import bounded_inverse
 
 _NEAR = 6.0  # of log likelihood: a fault that gains as much as another within this is not told from it
 _RIVAL = 0.5  # share of the best gain below which a collinear fault is ruled out all the same

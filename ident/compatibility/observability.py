@@ -9,9 +9,9 @@ import numpy as np
 from ident.compatibility.faults import BIAS, DELAY, DRIFT, LAG, SCALE, SensorFault, faults_of
 from ident.compatibility.fitting import Fit
 from ident.compatibility.instruments import weigher
-from ident.compatibility.inverses import bounded_inverse
 from ident.compatibility.noise import NoiseModel
 from ident.compatibility.unknowns import evaluate, linearised, unknowns_of
+from ident.statistics.information import bounded_inverse
 
 _MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
 _PIVOT = 0.3

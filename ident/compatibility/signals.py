@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.tracing.spikes.detection import robust_sigma
+from ident.statistics.robust import robust_sigma
 from sim.record import Hold, Record
 
 G0 = 9.80665  # m/s2, the unit of nz

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Recursive estimators of one record."""

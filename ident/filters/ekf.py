@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import Estimate, Outcome
-from ident.filters.history import HistoryKeeper, breakdown, quiet_numerics
+from ident.estimate import Estimate, Outcome, quiet_numerics
+from ident.filters.history import HistoryKeeper, breakdown
 from ident.filters.problem import FilterProblem, filter_problem, with_free
 from ident.filters.transition import Taylor, Transition, log_gaussian
 from sim.declaration.system import System

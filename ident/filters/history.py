@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 
-from ident.estimate import Estimate, FilterHistory, Outcome
+from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
 from ident.filters.problem import FilterProblem
-
-LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
@@ -19,16 +13,6 @@ def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | f
     if not all(np.abs(v).max(initial=0.0) < LARGEST for v in (mean, covariance, *further)):
         return Outcome.DIVERGED
     return Outcome.INDEFINITE if np.diag(covariance).min() < 0.0 else None
-
-
-@contextmanager
-def quiet_numerics() -> Iterator[None]:
-    """No warnings of overflow or ill condition from a computation whose result is judged by ``breakdown``."""
-    from scipy.linalg import LinAlgWarning
-
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", LinAlgWarning)
-        yield
 
 
 class HistoryKeeper:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid
 from sim.record import Record
+
+QUARTER = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,3 +112,26 @@ def prior_std(system: System, name: str, *, state: bool) -> float:
         kind = "initial state" if state else "parameter"
         raise ModelError(f"{kind} without a prior standard deviation", where=name, remedy="a filter needs one; give it, or use output-error")
     return item.prior_std
+
+
+def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, float], share: float = QUARTER) -> ParameterSet:
+    """Free parameters with a prior standard deviation of ``share`` times the starting value, or the engineering value given.
+
+    The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by engineering judgement.
+
+    Parameters
+    ----------
+    engineering : standard deviations by name; it overrides the share, and may name what is not free.
+
+    Raises
+    ------
+    ModelError : a free parameter that starts at zero without an engineering value.
+    """
+    priors = {}
+    for item in parameters:
+        if not item.free:
+            continue
+        priors[item.name] = engineering.get(item.name, share * abs(item.value))
+        if not priors[item.name] > 0:
+            raise ModelError("it starts at zero, and has no share", where=f"parameter {item.name}", remedy="give its standard deviation")
+    return parameters.with_prior(priors)

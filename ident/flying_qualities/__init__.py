@@ -1,1 +1,1 @@
-"""TODO."""
+"""Modes, frequency responses and handling-quality levels."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Maximum likelihood where random forces act on the states."""

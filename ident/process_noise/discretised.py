@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.linearise import RecordProblem
+from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
 

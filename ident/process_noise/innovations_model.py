@@ -15,8 +15,9 @@ import numpy as np
 from ident.process_noise.discretised import Variation, motion_slopes, random_motion, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
 from ident.whole_record.layout import FitLayout
-from ident.whole_record.linearise import INCREMENT, Linearisation, RecordProblem
+from ident.whole_record.linearise import Linearisation
 from ident.whole_record.noise_model import Weighed
+from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.declaration.system import System
 
 SCALE = "process_noise_scale"

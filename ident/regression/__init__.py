@@ -1,1 +1,1 @@
-"""TODO."""
+"""Equation error: regression on smoothed states."""

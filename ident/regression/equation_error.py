@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import Estimate, Outcome
-from ident.filters.history import LARGEST
+from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import conditional_scale, inverse_information

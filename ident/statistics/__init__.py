@@ -1,1 +1,1 @@
-"""TODO."""
+"""Residual tests, coloured residuals, information."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -42,6 +42,10 @@ class Quantity:
     value: float
     std: float
     unit: str
+
+
+# By an effect's name and local parameters: 1 for it, -1 against it, 0 not at all.
+Witness = Callable[[str, Mapping[str, Quantity]], int]
 
 
 @dataclass(frozen=True)
@@ -174,3 +178,8 @@ class Diagnosis:
     seconds: Mapping[str, float]
     scatter: Mapping[str, float] = field(default_factory=dict)
     growth: Mapping[str, float] = field(default_factory=dict)
+
+
+def silent(effect: str, parameters: Mapping[str, Quantity]) -> int:
+    """A witness that says nothing."""
+    return 0

@@ -10,18 +10,19 @@ import numpy as np
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import Node, guards_among
-from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
+from ident.tracing.candidate_model.quantities import quantities, records_of
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
 from ident.tracing.replication.between_records import FEWEST, Between, between_records
 from ident.tracing.replication.partial import Partial, stand_by_themselves
 from ident.tracing.result import reported
-from ident.tracing.selection.expansion import quantities, records_of
-from ident.tracing.selection.forward import defies, extended, first_round, grow, hopeless, look_back, refined
+from ident.tracing.selection.backward import look_back, refined
+from ident.tracing.selection.forward import defies, extended, first_round, grow, hopeless
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
-from ident.tracing.validation.held_out import HeldOut, held_out, whiteness, with_held_out_change
+from ident.tracing.validation.held_out import HeldOut, held_out, with_held_out_change
+from ident.tracing.validation.whiteness import whiteness
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
-from ident.tracing.witness import Witness, silent
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
 from sim.errors import ModelError

@@ -20,7 +20,8 @@ from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.search import Search
 from ident.tracing.spikes.detection import final_spikes
 from ident.tracing.spikes.masks import measured_masks
-from ident.tracing.validation.held_out import HeldOut, error_figures, prediction
+from ident.tracing.validation.error_figures import error_figures, prediction
+from ident.tracing.validation.held_out import HeldOut
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
 from sim.record import Record

@@ -10,10 +10,11 @@ from ident.process_noise.filter_error import noise_levels, predictive_log_likeli
 from ident.process_noise.innovations_model import is_forced
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, free_names, guards_among
+from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Claim, Step, Verdict
+from ident.tracing.screening.score_test import same_sensor_twins
+from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
-from ident.tracing.selection.expansion import implausible, quantities, same_sensor_twins
-from ident.tracing.selection.forward import refined
 from ident.tracing.selection.near_aliases import stand_ins
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Maximum likelihood over whole records by Gauss-Newton."""

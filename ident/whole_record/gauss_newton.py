@@ -13,8 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.estimate import Outcome
-from ident.filters.history import LARGEST
+from ident.estimate import LARGEST, Outcome
 from ident.statistics.information import conditional_scale
 from ident.whole_record.layout import ROUNDING, FitLayout
 from ident.whole_record.linearise import Linearisation, linearise

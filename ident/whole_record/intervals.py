@@ -14,7 +14,7 @@ import numpy as np
 from sim.propagation.grid import Drive
 
 if TYPE_CHECKING:
-    from ident.whole_record.linearise import RecordProblem
+    from ident.whole_record.record_problem import RecordProblem
 
 _AT_ONCE = 16_000  # numbers of a state that are integrated together: more do not stay in a processor's cache
 

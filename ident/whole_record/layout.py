@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.whole_record.first_guess import known_states
-from ident.whole_record.linearise import RecordProblem, guess_states, record_problem
 from ident.whole_record.noise_model import WHITE, Weighing
+from ident.whole_record.record_problem import RecordProblem, guess_states, record_problem
 from sim.declaration.parameters import Parameter
 from sim.declaration.system import System
 from sim.errors import ModelError

@@ -10,45 +10,15 @@ exact, and at convergence the trajectory equals the sequential simulation to rou
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from ident.whole_record.first_guess import known_states
 from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
-from sim.declaration.system import System
+from ident.whole_record.record_problem import INCREMENT, RecordProblem, _driven_by
 from sim.maths.elementary import COMPLEX_STEP
-from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
-from sim.propagation.integrate import Step, rk4_step
-from sim.record import Record
-
-INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
-
-
-@dataclass(frozen=True, eq=False)
-class RecordProblem:
-    """A record laid out for whole-record fits: ``z``, ``valid`` ``(m, N)``, grid, and the columns wanted.
-
-    ``free`` are positions of the wanted parameters among all, ``starts`` those of the wanted initial states; ``moving`` are
-    those of ``free`` that act in the dynamics. ``exact`` differentiates by complex steps, else by forward differences
-    of ``increment (np,)``: a few times cheaper, good to about a millionth. ``drive`` is kept where no parameter moves it.
-    """
-
-    record: Record
-    system: System
-    grid: Grid
-    z: np.ndarray
-    valid: np.ndarray
-    free: tuple[int, ...]
-    starts: tuple[int, ...]
-    moving: tuple[int, ...]
-    increment: np.ndarray
-    exact: bool
-    drive: Drive | None
-    step: Step = rk4_step
+from sim.propagation.grid import Drive
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,66 +33,6 @@ class Linearisation:
     jacobian: np.ndarray
     states: np.ndarray
     by_state: np.ndarray
-
-
-def record_problem(
-    record: Record,
-    system: System,
-    max_step: float,
-    free: Sequence[int],
-    starts: Sequence[int],
-    *,
-    valid: np.ndarray | None = None,
-    exact: bool = True,
-    step: Step = rk4_step,
-) -> RecordProblem:
-    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask."""
-    z, measured = record.output_array(system.output_names)
-    grid, recorded = _recorded(record, system.input_names, max_step)
-    items = [system.parameters.items[index] for index in free]
-    sizes = [abs(item.value) or (item.prior_std if np.isfinite(item.prior_std) else 1.0) for item in items]
-    acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
-    drive = None
-    if not system.input_parameters.intersection(item.name for item in items):
-        drive = _driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
-    mask = measured if valid is None else measured & valid
-    increment = INCREMENT * np.array(sizes, dtype=float)
-    return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)
-
-
-@lru_cache(maxsize=16)  # a search lays out the same few records hundreds of times
-def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple[Grid, Drive]:
-    grid = make_grid(record.time, max_step)
-    return grid, recorded_drive(record.input_array(inputs), record.time, record.hold, grid)
-
-
-def _driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
-    return drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
-
-
-def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
-
-    Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
-    """
-    system, grid, record = problem.system, problem.grid, problem.record
-    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system).items()}
-    if len(measured) == len(system.states):
-        return np.array([measured[i] for i in range(len(measured))])
-    drive = _driven_by(record, system, p, grid)
-    stages = [[row.tolist() for row in stage] for stage in drive.stages]
-    x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
-    times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
-    for k in range(len(grid.nodes)):
-        for i, values in measured.items():
-            x[i] = float(values[k])
-        out[:, k] = x
-        if k < len(grid.nodes) - 1:
-            for s in range(k * grid.substeps, (k + 1) * grid.substeps):
-                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
-                    x = problem.step(system.f, times[s], x, u, p, steps[s])
-    return np.nan_to_num(np.clip(out, -1e12, 1e12))
 
 
 def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray) -> Linearisation:

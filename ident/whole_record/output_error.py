@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.estimate import Estimate, Outcome
-from ident.filters.history import LARGEST
+from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
 from ident.whole_record.gauss_newton import Fit, fit_whole_records

@@ -33,7 +33,7 @@ def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, chang
 def _print(campaign: Campaign) -> None:
     from rich.table import Table
 
-    from scenarios.studies.text import console, number
+    from scenarios.terminal.numbers import console, number
 
     terminal = console()
     seeds = campaign.seeds
@@ -53,8 +53,8 @@ def _print(campaign: Campaign) -> None:
 
 def _write(campaign: Campaign, out: Path) -> None:
     from scenarios.files.folders import study_folder
+    from scenarios.files.versions import versions
     from scenarios.files.writing import write_json
-    from scenarios.studies.comparison import versions
 
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")

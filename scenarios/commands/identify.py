@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.identification.identify import METHODS, Identification, identify
+from scenarios.files.versions import versions
+from scenarios.identification.identify import METHODS, identify
+from scenarios.identification.result import Identification
 from scenarios.preparation.plan import Plan
-from scenarios.studies.comparison import estimate_content, versions
+from scenarios.studies.comparison import estimate_content
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
@@ -84,7 +86,7 @@ def _write(found: Identification, measured: Sequence[Record], path: Path, out: P
             write_record(scratch, record, "record" if number == 1 else f"record_{number}")
         _spare_inputs(scratch, out, path)
         if figures:
-            from scenarios.studies.figures import draw_identification
+            from scenarios.identification.figures import draw_identification
 
             draw_identification(found, measured[0], scratch)
         write_json(scratch / "comparison.json", identification_content(found, path))
@@ -106,8 +108,8 @@ def _print(found: Identification) -> None:
     from rich.table import Table
 
     from ident.tracing.diagnosis import Quantity
-    from scenarios.diagnosis.report.wording import determined, displayed
-    from scenarios.studies.text import console, derived_line, number, test_line
+    from scenarios.terminal.numbers import console, derived_line, number, test_line
+    from scenarios.terminal.quantities import determined, displayed
 
     estimate, terminal = found.estimate, console()
     for record in (found.record, *found.others):

@@ -61,7 +61,7 @@ def show_effects(name: str | None) -> None:
 
 def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
-    from scenarios.studies.text import console
+    from scenarios.terminal.numbers import console
     from sim.errors import DeclarationError
     from sim.vehicles.data import difference
     from sim.vehicles.library import read_parameter_set, vehicle_names

@@ -38,7 +38,8 @@ def _identification(name: str, changes: Sequence[str]) -> Run:
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
         from scenarios.studies.comparison import check_display
         from scenarios.studies.study import run_scenario
-        from scenarios.studies.text import console, print_study
+        from scenarios.studies.text import print_study
+        from scenarios.terminal.numbers import console
 
         terminal = console()
         with named_after(scenario_file(name)):
@@ -89,7 +90,7 @@ def _loop(name: str, changes: Sequence[str]) -> Run:
     scenario = loop_scenario(name, changes)
 
     def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.studies.text import console
+        from scenarios.terminal.numbers import console
         from scenarios.x29.printing import print_loop
         from scenarios.x29.study import run_loop
 

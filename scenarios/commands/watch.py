@@ -205,7 +205,7 @@ class _Show:
     def __init__(self, watch: _Watch) -> None:
         from rich.live import Live
 
-        from scenarios.studies.text import console
+        from scenarios.terminal.numbers import console
 
         self._watch, self._said, self._drawn = watch, -np.inf, 0.0
         terminal = console()
@@ -260,7 +260,7 @@ def _finished(watch: _Watch, session: Session, refine: bool) -> Outcome:
 
 
 def _print(watch: _Watch, session: Session, end: Outcome) -> None:
-    from scenarios.studies.text import console
+    from scenarios.terminal.numbers import console
 
     terminal = console()
     view = replace(_view(watch, session), standings=end.standings, silent=0.0)

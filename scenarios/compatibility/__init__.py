@@ -1,1 +1,1 @@
-"""TODO."""
+"""`flightid check`: what the kinematics alone say of the sensors."""

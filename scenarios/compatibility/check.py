@@ -12,7 +12,8 @@ import numpy as np
 from ident.compatibility.check import compatibility
 from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import CHANNELS, measured_channels
-from scenarios.files.channels import STICK, TIME, ColumnChoice
+from scenarios.files.channel_names import STICK, TIME
+from scenarios.files.channels import ColumnChoice
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import DeclarationError, RecordError

@@ -8,8 +8,8 @@ from typing import Any
 from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
 from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.studies.comparison import versions
 
 MAIN = "compatibility.json"
 SCHEMA = "flightid/compatibility/1"

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
-from scenarios.studies.text import console, number
+from scenarios.terminal.numbers import console, number
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
 WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"}

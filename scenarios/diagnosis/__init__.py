@@ -1,1 +1,1 @@
-"""TODO."""
+"""`flightid diagnose`: what the model lacks."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from scenarios.preparation.ports import SPEED
+from scenarios.preparation.plan import SPEED
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
 from sim.errors import DeclarationError, FlightidError

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from ident.tracing.diagnosis import Diagnosis, Verdict
+from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
 from ident.tracing.settings import TraceSettings
-from ident.tracing.witness import Witness
 from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
-from scenarios.files.channels import STICK
+from scenarios.files.channel_names import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import Plan

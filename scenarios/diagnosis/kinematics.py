@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.report.wording import Wording, group_sentence, with_sigma
+from scenarios.terminal.quantities import with_sigma
 from sim.errors import FlightidError
 from sim.record import Record
 
@@ -111,56 +111,6 @@ def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFindi
     return out
 
 
-def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> list[str]:
-    """All of it in sentences, one a line."""
-    if kinematics.result is None:
-        return [kinematics.why]
-    lines = [each.sentence for each in agreements(kinematics, claims)]
-    lines += [
-        f"kinematics alone say: {finding_sentence(finding, wording)}; the diagnosis does not name it" for finding in unnamed(kinematics, claims)
-    ]
-    lines = lines or ["kinematics alone find no fault of a sensor, and the diagnosis names none"]
-    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes)]
-
-
-def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
-    """One finding: name, value and sigma, and what that is in the words of its effect and group."""
-    quantity = Quantity(finding.value, finding.std, finding.unit)
-    words = group_sentence(Claim(finding.name, {PARAMETERS[finding.kind]: quantity}, finding.group), wording)
-    return f"{finding.name} {with_sigma(quantity)}, {words}"
-
-
-def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> dict[str, Any]:
-    """The entry ``compatibility`` of a study; numbers that are not finite are left out."""
-    lines = kinematics_lines(kinematics, claims, wording)
-    if kinematics.result is None:
-        return {"records": list(kinematics.records), "checked": False, "sentences": lines}
-    findings = [finding for finding in kinematics.result.findings if finding.stands and _finite(finding.value, finding.std, finding.gain)]
-    return {
-        "records": list(kinematics.records),
-        "checked": True,
-        "findings": [
-            {
-                "name": finding.name,
-                "channel": finding.channel,
-                "parameters": {PARAMETERS[finding.kind]: _number(Quantity(finding.value, finding.std, finding.unit))},
-                "alternatives": list(finding.group),
-                "gain": finding.gain,
-                "replicates": finding.replicates,
-                "sentence": finding_sentence(finding, wording),
-            }
-            for finding in findings
-        ],
-        "agreement": [
-            {"effect": each.effect, "says": each.says, "sentence": each.sentence, **({"found": _number(each.found)} if each.found else {})}
-            for each in agreements(kinematics, claims)
-        ],
-        "cannot_tell": list(kinematics.result.cannot_tell),
-        "notes": list(kinematics.result.notes),
-        "sentences": lines,
-    }
-
-
 def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     mine = next(iter(claim.parameters.values()))
     members = {claim.name, *claim.alternatives}
@@ -205,10 +155,6 @@ def _is_sensor(name: str) -> bool:
     """Whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
     return base == "vane-offset" or base in {f"sensor-{kind}" for kind in PARAMETERS}
-
-
-def _number(quantity: Quantity) -> dict[str, Any]:
-    return {"value": quantity.value, "std": max(quantity.std, 1e-300), "unit": quantity.unit}
 
 
 def _finite(*values: float) -> bool:

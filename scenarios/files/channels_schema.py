@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
 
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.channel_names import CHANNEL_UNITS
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
 

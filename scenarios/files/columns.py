@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from scenarios.files.channels import CHANNEL_UNITS, STICK, ColumnChoice
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK
+from scenarios.files.channels import ColumnChoice
 from scenarios.files.declarations import closest
 from scenarios.files.units import to_si
 from sim.errors import RecordError

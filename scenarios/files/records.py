@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
+from scenarios.files.channels import ColumnChoice
 from scenarios.files.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.sidecar import read_sidecar
 from scenarios.files.tables import Numbers, Table, numbers, read_table

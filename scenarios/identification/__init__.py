@@ -1,1 +1,1 @@
-"""TODO."""
+"""`flightid identify`: parameters from a measured record."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,14 +11,15 @@ from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.flying_qualities.modal import modal_estimate
-from ident.statistics.residuals import ResidualTest, residual_tests
+from ident.statistics.residuals import residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.result import Identification
 from scenarios.preparation.vehicle_model import model_of_file
-from scenarios.studies.study import Row
+from scenarios.studies.rows import Row
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import compile_model
 from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
@@ -29,28 +30,6 @@ PASSES = 5
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
-
-    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared,
-    ``doubts`` what in the files is likely to be wrong.
-    """
-
-    record: Record
-    vehicle: VehicleFile
-    method: str
-    estimate: Estimate
-    rows: tuple[Row, ...]
-    biases: tuple[Row, ...]
-    derived: dict[str, tuple[float, float]]
-    fixed: dict[str, tuple[float, str]]
-    tests: tuple[ResidualTest, ...]
-    others: tuple[Record, ...] = ()
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
 
 
 def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence[Record] = (), model: Model | None = None) -> Identification:

@@ -18,9 +18,9 @@ from ident.flying_qualities.handling_qualities import qualities
 from ident.statistics.noise_envelope import noise_envelope
 from ident.statistics.residuals import residual_tests
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.identify import Identification
 from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_filter_system
-from scenarios.studies.study import Row
+from scenarios.identification.result import Identification
+from scenarios.studies.rows import Row
 from sim.closed_loop.reader import load_x29
 from sim.declaration.system import System
 from sim.errors import RecordError

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis.report.wording import value_text
 from scenarios.plots.display import axis_label, display_unit, plain, symbol
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
@@ -32,6 +31,7 @@ from scenarios.plots.style import (
     time_axis,
     y_label,
 )
+from scenarios.terminal.quantities import value_text
 
 BARS, PANELS = 7, 4  # candidates of a round, rounds
 LEAST = 0.1  # gain at the left edge of the evidence

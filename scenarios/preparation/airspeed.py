@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.preparation.ports import DENSITY, LIFT, SPEED
+from scenarios.preparation.plan import DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.errors import RecordError

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scenarios.preparation.plan import PORTS
 from scenarios.preparation.plausibility import moves, why_unpredictable
-from scenarios.preparation.ports import PORTS
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.record import Record

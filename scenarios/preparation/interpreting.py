@@ -10,8 +10,8 @@ import numpy as np
 from ident.statistics.coloured_covariance import effective_share
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.record import Hold, Record
 
 BETTER = 10.0  # of twice the log likelihood, in samples that count as independent, from which a reading is no chance

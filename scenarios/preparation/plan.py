@@ -14,6 +14,10 @@ if TYPE_CHECKING:  # a record loads NumPy, and a process that draws figures star
     from sim.record import Hold
 
 
+SPEED, DENSITY, LIFT = "airspeed_change", "density_change", "lift"
+PORTS = (SPEED, DENSITY, LIFT)
+
+
 @dataclass(frozen=True)
 class Segment:
     """A part of a record, both ends included, s; None leaves that end open."""

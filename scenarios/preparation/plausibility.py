@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenarios.preparation.ports import PORTS
+from scenarios.preparation.plan import PORTS
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.record import Channel, Record

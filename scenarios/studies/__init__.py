@@ -1,1 +1,1 @@
-"""TODO."""
+"""`flightid run`: simulate, identify, compare with the truth."""

@@ -124,7 +124,7 @@ def _bank(estimation: Estimation, records: list[Record], model):  # type: ignore
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means, sigmas and soundness after further passes, each run started and narrowed by its own result, as `scenarios.studies.estimating` does it."""
+    """Means, sigmas and soundness after further passes, each run started and narrowed by its own result, as `studies.estimating` does."""
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
     declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
     first = np.array(system.initial.values())

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
+from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
-from scenarios.studies.study import MethodResult, Row, Study
+from scenarios.studies.rows import Row
+from scenarios.studies.study import MethodResult, Study
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
-PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
 DERIVED_UNITS = {"natural_frequency": "rad/s", "damping_ratio": "1", "delay": "s"}
 
 
@@ -114,17 +114,6 @@ def check_display(study: Study) -> None:
         if name not in rows:
             raise DeclarationError(f"no parameter {name!r} is estimated", where=f"key display.{name}", remedy=f"use one of {', '.join(rows)}")
         in_unit(rows[name], unit)
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
-    found = {}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def _row(row: Row) -> dict[str, Any]:

@@ -17,9 +17,10 @@ from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
 from scenarios.studies.declaration import Estimation, Start
 from scenarios.studies.flying import STEPS
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.errors import DeclarationError
 from sim.record import Record
 from sim.vehicles.factory import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.identification.identify import Identification
+from scenarios.identification.figures import _output_units
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
 from scenarios.plots.correlation import figure_correlation
@@ -16,7 +16,6 @@ from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
 from scenarios.studies.declaration import Start
 from scenarios.studies.study import MethodResult, Study
-from sim.record import Record
 
 TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
 MOST_RESPONSES = 3
@@ -55,24 +54,6 @@ def draw_study(study: Study, folder: Path) -> None:
         save_figure(figure_comparison(rows, f"{title}\n{label}error against the {against} value"), folder, "errors")
     if scenario.condensed:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
-
-
-def draw_identification(found: Identification, measured: Record, folder: Path) -> None:
-    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded."""
-    estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    save_figure(figure_record(measured, title), folder, "record")
-    response = response_of(estimate)
-    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")
-    if estimate.history is not None:
-        save_figure(figure_parameter_histories(estimate.history, estimate.names, estimate.units, title=title), folder, "parameters")
-        save_figure(
-            figure_innovations(estimate.history, estimate.output_names, _output_units(found.record, estimate.output_names), title),
-            folder,
-            "innovations",
-        )
-    if len(estimate.names) > 1:
-        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
 
 
 def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) -> None:
@@ -138,7 +119,3 @@ def _equivalents(study: Study) -> list[EquivalentRow]:
 
 def _pair(start: Start) -> tuple[float, float]:
     return start.value, start.std
-
-
-def _output_units(record: Record, names: tuple[str, ...]) -> list[str]:
-    return [record[name].unit for name in names]

@@ -10,8 +10,9 @@ import numpy as np
 from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
-from sim.maneuvers.multisine import Sweep, schroeder_multisine
+from sim.maneuvers.multisine import schroeder_multisine
 from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times

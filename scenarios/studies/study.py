@@ -9,55 +9,18 @@ import numpy as np
 
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Start
+from scenarios.studies.declaration import EMPTY, Estimation, Scenario
 from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
 from scenarios.studies.published import published_values
+from scenarios.studies.rows import Row
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
 from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.partial_condensation import condense_above
 from sim.vehicles.library import read_parameter_set
-
-
-@dataclass(frozen=True)
-class Row:
-    """One parameter of one method: what is true, what was estimated, what a paper found; all in ``unit``.
-
-    ``condensed`` is the coefficient by static condensation of the elastic modes that the model lacks: what it should find.
-    """
-
-    name: str
-    unit: str
-    estimate: float
-    std: float
-    true: float | None = None
-    condensed: float | None = None
-    published: Start | None = None
-
-    @property
-    def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true one."""
-        return self.true if self.condensed is None else self.condensed
-
-    @property
-    def sigmas(self) -> float | None:
-        """Error in the estimator's own standard deviations."""
-        return None if self.reference is None else (self.estimate - self.reference) / self.std
-
-    @property
-    def percent(self) -> float | None:
-        """Error in percent of the reference; None where that is zero."""
-        return None if not self.reference else 100.0 * (self.estimate - self.reference) / abs(self.reference)
-
-    @property
-    def published_sigmas(self) -> float | None:
-        """Error of the published value against the same reference, in the publication's own sigmas."""
-        if self.published is None or self.reference is None:
-            return None
-        return (self.published.value - self.reference) / self.published.std
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 from rich.console import Console
 from rich.text import Text
 
-from ident.statistics.residuals import ResidualTest
 from scenarios.studies.notes import flexibility_sentences
-from scenarios.studies.study import MethodResult, Row, Study
+from scenarios.studies.rows import Row
+from scenarios.studies.study import MethodResult, Study
+from scenarios.terminal.numbers import console, derived_line, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
-
-
-def console(width: int | None = None) -> Console:
-    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
-    plain = Console(markup=False)
-    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
-
-
-def number(value: float, std: float | None = None) -> str:
-    """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
-    if std is None or not std > 0:
-        return f"{value:.5g}"
-    from math import floor, log10
-
-    last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
-    if last >= -5:
-        return f"{value:.{max(0, -last)}f}"
-    return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
 
 
 def print_study(study: Study, out: Console | None = None) -> None:
@@ -91,20 +74,6 @@ def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
         if row.name in study.scenario.display:
             out.append(in_unit(row, study.scenario.display[row.name]))
     return out
-
-
-def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
-    """Natural frequency, damping and the like with their sigmas, in one line."""
-    words = {"natural_frequency": "natural frequency {} rad/s", "damping_ratio": "damping ratio {}", "delay": "delay {} s"}
-    return "; ".join(words[key].format(f"{number(v, s)} +- {number(s, s)}") for key, (v, s) in derived.items())
-
-
-def test_line(tests: Sequence[ResidualTest]) -> str:
-    """What the residual tests say, in one line."""
-    failed = [test for test in tests if not test.passed]
-    if failed:
-        return "residual is not the noise alone: " + "; ".join(f"{test.channel}: {test.sentence}" for test in failed)
-    return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""
 
 
 def _or_dash(value: float | None, form: str = ".5g") -> str:

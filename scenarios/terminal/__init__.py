@@ -1,1 +1,1 @@
-"""TODO."""
+"""Numbers, tables and progress on the terminal."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Flights whose answer is known."""

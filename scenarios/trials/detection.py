@@ -18,23 +18,18 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
+from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
+from scenarios.trials.scoring import TWINS, interval
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
 from sim.maneuvers.steps import Maneuver, Sum, doublet, three_two_one_one
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
-from sim.vehicles.factory import RIGID_CONSTANTS, model_from_constants
+from sim.vehicles.factory import RIGID_CONSTANTS
 
 DURATION = 20.0  # s
 PEAK = 0.06  # rad
-NOISE = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012}
-AIRCRAFT: Mapping[str, Mapping[str, float]] = {
-    "light": {"mass": 1150.0, "wing_area": 16.2, "chord": 1.5, "pitch_inertia": 1820.0, "airspeed": 55.0, "air_density": 1.1},
-    "fighter": {"mass": 7500.0, "wing_area": 30.0, "chord": 2.4, "pitch_inertia": 32000.0, "airspeed": 130.0, "air_density": 0.96},
-    "transport": {"mass": 60000.0, "wing_area": 122.0, "chord": 4.2, "pitch_inertia": 3.3e6, "airspeed": 190.0, "air_density": 0.74},
-}
-USUAL = {"CL_alpha": 5.2, "CL_q": 7.0, "CL_de": 0.4, "Cm_alpha": -0.95, "Cm_q": -17.0, "Cm_de": -1.3}
 WEAK = {
     "input-delay": ("delay", 0.2),
     "actuator-lag": ("time_constant", 0.2),
@@ -46,7 +41,6 @@ WEAK = {
     "sensor-drift:alpha": ("slope", 0.01),
     "speed-variation": ("rate", 5.0),
 }
-TWINS = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}
 
 
 class Finding(Enum):
@@ -140,13 +134,6 @@ def found(effect: str, diagnosis: Diagnosis) -> Finding:
     return Finding.WRONG
 
 
-def drawn_aircraft(rng: np.random.Generator) -> tuple[str, Model]:
-    """One of ``AIRCRAFT`` with derivatives within 20 % of usual ones."""
-    name = sorted(AIRCRAFT)[int(rng.integers(len(AIRCRAFT)))]
-    derivatives = {key: value * rng.uniform(0.8, 1.2) for key, value in USUAL.items()}
-    return name, model_from_constants("rigid", AIRCRAFT[name], derivatives)
-
-
 def with_effect(model: Model, name: str, size: float) -> Model:
     """The aircraft with a library effect at one value of its one parameter."""
     effect = find_effect(name, model.equations)
@@ -193,16 +180,6 @@ def size_of(model: Model, name: str, gain: float, setting: Setting) -> float:
     for _ in range(5):
         share = min(1.0, share * float(np.sqrt(gain / max(reached(share), 1e-12))))
     return absent + share * (most - absent)
-
-
-def interval(count: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Exact binomial confidence interval (Clopper and Pearson, 1934) of a share seen ``count`` times in ``runs``."""
-    from scipy.special import betaincinv
-
-    tail = 0.5 * (1.0 - level)
-    low = 0.0 if count == 0 else float(betaincinv(count, runs - count + 1, tail))
-    high = 1.0 if count == runs else float(betaincinv(count + 1, runs - count, 1.0 - tail))
-    return low, high
 
 
 def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:

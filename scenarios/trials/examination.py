@@ -18,8 +18,9 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
-from scenarios.trials.detection import NOISE, TWINS, USUAL, drawn_aircraft
+from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
 from scenarios.trials.planted.hiding import OWN, find_term
+from scenarios.trials.scoring import TWINS
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.maneuvers.multisine import schroeder_multisine
@@ -261,7 +262,7 @@ def _flown(
 
 def summary(marks: Sequence[Mark]) -> dict[str, float]:
     """Shares over many papers: right, wrong claims, derivatives within two standard deviations where right, and the held-out error's median."""
-    from scenarios.trials.detection import interval
+    from scenarios.trials.scoring import interval
 
     count, right = len(marks), [mark for mark in marks if mark.right]
     free = [mark for mark in right if not any(OWN in name or "turbulence" in name or "spikes" in name for name in mark.paper.hidden)]

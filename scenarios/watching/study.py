@@ -12,10 +12,11 @@ import numpy as np
 
 from ident.estimate import Estimate
 from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
-from scenarios.identification.identify import Identification
-from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content, versions
-from scenarios.studies.study import Row
+from scenarios.identification.result import Identification
+from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
+from scenarios.studies.rows import Row
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
 from scenarios.watching.session import Session, derived_so_far, likely_estimate

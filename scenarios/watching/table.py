@@ -14,7 +14,7 @@ from rich.text import Text
 from ident.estimate import Estimate
 from ident.statistics.differences import BEYOND
 from scenarios.studies.comparison import DERIVED_UNITS
-from scenarios.studies.text import number
+from scenarios.terminal.numbers import number
 from scenarios.watching.reference import Reference
 
 _WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}

@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
-from scenarios.studies.comparison import SCHEMA, versions
+from scenarios.files.versions import versions
+from scenarios.studies.comparison import SCHEMA
 from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column

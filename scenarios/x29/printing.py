@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ident.flying_qualities.handling_qualities import Level
-from scenarios.studies.text import console, number, test_line
+from scenarios.terminal.numbers import console, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content
 from scenarios.x29.findings import LARGE, sentences

@@ -21,8 +21,8 @@ from scenarios.x29.measures import Misfit, misfit
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.linear import Margins, margins
 from sim.closed_loop.reader import load_x29
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
-from sim.declaration.system import compile_model
 from sim.errors import DeclarationError, RecordError
 
 FREE_IN_RESPONSE = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "delay")

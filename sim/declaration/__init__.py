@@ -1,1 +1,1 @@
-"""TODO."""
+"""What a model is: parameters, signals, effects, equations, the compiled system."""

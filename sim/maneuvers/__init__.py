@@ -1,1 +1,1 @@
-"""TODO."""
+"""Inputs: steps, sweep, multisine."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Functions that broadcast and survive a complex step."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Time grids and integrators."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""What flies a truth; never seen by the identification side."""

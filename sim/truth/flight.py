@@ -13,9 +13,10 @@ from enum import Enum
 
 import numpy as np
 
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.maneuvers.steps import Maneuver, Sum
 from sim.propagation.grid import Drive, Grid, cell_edges, drive_from_cells, drive_from_means, make_grid

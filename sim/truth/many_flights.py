@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import InputEffect
 from sim.declaration.model import Model
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.maneuvers.steps import Maneuver, Sum
 from sim.propagation.grid import Drive, Grid, make_grid

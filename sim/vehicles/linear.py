@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.maths.elementary import complex_step_jacobian
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import sim.effects.input_path
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import (
     DynamicsEffect,
     Effect,
@@ -26,7 +27,7 @@ from sim.declaration.effect import (
 )
 from sim.declaration.model import Model
 from sim.declaration.proposal import Occasion, Traceable
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
 from sim.errors import ModelError

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, NoiseEffect, Regularity, full_name
 from sim.declaration.proposal import Fitted, Occasion, Refinable, Traceable, fitted_to
-from sim.declaration.system import compile_model
 from sim.effects.library import effects_for, guards_for, library
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes

@@ -10,7 +10,7 @@ import numpy as np
 import pint
 import pytest
 
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.maths.elementary import complex_step_jacobian
 from sim.vehicles.data import Origin, VehicleData
 from sim.vehicles.factory import model_of

@@ -12,7 +12,7 @@ import pytest
 
 from scenarios.files.records import read_record
 from scenarios.studies.catalogue import load_scenario, scenario_names
-from scenarios.studies.text import number
+from scenarios.terminal.numbers import number
 from sim.effects.library import effect_names
 from sim.vehicles.library import vehicle_names
 from tests.integration.command_line import CommandLine, contents

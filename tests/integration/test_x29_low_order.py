@@ -19,8 +19,8 @@ from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import three_two_one_one
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.declaration.system import compile_model
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, interval, weak_run, weak_setting
+from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
 from scenarios.trials.examination import examine, summary
+from scenarios.trials.scoring import interval
 
 RUNS = 200  # clean records over all settings
 WEAK_RUNS = 12  # of each effect

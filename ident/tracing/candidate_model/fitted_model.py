@@ -11,9 +11,10 @@ from ident.process_noise.filter_error import fit_with_process_noise, noise_level
 from ident.process_noise.innovations_model import is_forced
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.record import Record
 
 GUARD = "guard:"  # names of terms that compete like effects and can never be claimed

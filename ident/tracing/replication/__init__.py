@@ -1,1 +1,1 @@
-"""TODO."""
+"""Effects that come out alike from record to record."""

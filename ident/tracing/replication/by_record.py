@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import Node, Values, fit_set
-from ident.tracing.diagnosis import Quantity
-from ident.tracing.selection.expansion import quantities_with
+from ident.tracing.candidate_model.quantities import quantities_with
+from ident.tracing.diagnosis import Quantity, Witness, silent
 from ident.tracing.settings import TraceSettings
-from ident.tracing.witness import Witness, silent
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.effect import Effect, full_name

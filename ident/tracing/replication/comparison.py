@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import Node, guards_among
+from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
-from ident.tracing.screening.score_test import Finding, collinear
-from ident.tracing.selection.expansion import COLLINEAR
-from ident.tracing.witness import Witness, silent
+from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import Effect
 

@@ -14,14 +14,15 @@ import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
 from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, guards_among, is_event
+from ident.tracing.candidate_model.quantities import CLEARLY, implausible
 from ident.tracing.replication.by_record import Flight, Replication, own_quantities, replicate, stands_off
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import SMALL, SURE, Standing, Stood, choose
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.occasion import occasion_at
 from ident.tracing.screening.pairs import likely_pairs
-from ident.tracing.screening.score_test import Finding, screen
-from ident.tracing.selection.expansion import CLEARLY, implausible, near_absence, same_sensor_twins
+from ident.tracing.screening.score_test import Finding, same_sensor_twins, screen
+from ident.tracing.selection.expansion import near_absence
 from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import Effect, NoiseEffect

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Score tests: what each candidate would add, without a fit."""

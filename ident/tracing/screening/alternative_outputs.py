@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
-from ident.whole_record.linearise import INCREMENT, RecordProblem, join_intervals
+from ident.whole_record.linearise import join_intervals
+from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.propagation.grid import Drive, drive_from_record
 
 

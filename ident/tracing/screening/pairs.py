@@ -8,8 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import guards_among
-from ident.tracing.screening.score_test import Finding, collinear
-from ident.tracing.selection.expansion import COLLINEAR, same_sensor_twins
+from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, same_sensor_twins
 
 MOST = 3
 MARGIN = 0.01  # of ln(error): less is rounding of the projection

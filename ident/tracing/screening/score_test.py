@@ -13,10 +13,12 @@ import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
-from ident.whole_record.linearise import record_problem
+from ident.whole_record.record_problem import record_problem
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.proposal import Occasion, Probe, fitted_to
 from sim.errors import ModelError
+
+COLLINEAR = 0.9
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough
@@ -255,3 +257,10 @@ def _start(effect: Effect, probe: Probe, amplitudes: np.ndarray) -> dict[str, fl
 def _differs(a: np.ndarray, b: np.ndarray) -> bool:
     size = np.linalg.norm(a) * np.linalg.norm(b)
     return bool(size > 0 and abs(a @ b) < 0.95 * size)
+
+
+def same_sensor_twins(name: str) -> tuple[str, ...]:
+    """The other name for one late sensor: the lag of a channel for its delay and the other way round; empty for anything else."""
+    kind, _, channel = name.partition(":")
+    twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
+    return (f"{twin}:{channel}",) if twin is not None else ()

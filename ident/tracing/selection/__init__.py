@@ -1,1 +1,1 @@
-"""TODO."""
+"""Forward selection, backward elimination, near-aliases."""

@@ -8,20 +8,18 @@ import numpy as np
 
 from ident.process_noise.filter_error import turbulence_worth_trying
 from ident.process_noise.innovations_model import is_forced
-from ident.statistics.information import inverse_information
 from ident.tracing.candidate_model.fitted_model import Node, free_names, is_event
+from ident.tracing.candidate_model.quantities import _quantities_by_record, _stands_out, quantities
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.occasion import occasion_at
-from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, same_sensor_twins, screen
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, NoiseEffect, full_name
 
-COLLINEAR = 0.9
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
 WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
 HOPELESS, RIVAL = 0.2, 0.5  # of the best gain so far
-CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
 CHEAP = 2  # parameters of a candidate that is fitted even though its projected gain is small
 
 
@@ -116,57 +114,6 @@ def _accepted(search: Search, node: Node, number: int, findings: list[Finding], 
     return accepted
 
 
-def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
-    """An effect's free parameters in a node, by local name; of the record in which it stands out most where each has its own."""
-    return max(_quantities_by_record(node, effect), key=lambda found: _sigmas(effect, found))
-
-
-def records_of(node: Node, effect: Effect) -> tuple[int, ...]:
-    """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
-    each = _quantities_by_record(node, effect)
-    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
-    return seen if 0 < len(seen) < len(each) else ()
-
-
-def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
-    """The same for every record; alike where the parameters are shared."""
-    normal, _ = node.fit.normal_equations()
-    covariance, _ = inverse_information(normal, node.fit.theta)
-    return quantities_with(node, effect, covariance)
-
-
-def quantities_with(node: Node, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
-    """An effect's parameters in each record of a node, with sigmas from a covariance ``(n, n)`` of all unknowns."""
-    places = {name: i for i, name in enumerate(node.fit.layout.names)}
-    out: list[dict[str, Quantity]] = []
-    for r in range(len(node.fit.layout.problems)):
-        found = {}
-        for item in effect.parameters:
-            full = full_name(effect, item.name)
-            at = places.get(full, places.get(f"{full}, record {r + 1}"))
-            if at is not None:
-                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
-        out.append(found)
-    return out
-
-
-def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
-    """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
-    ranges = getattr(effect, "plausible", {})
-    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
-
-
-def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
-    """Whether parameters differ from the effect's absence by more than they are uncertain."""
-    return _sigmas(effect, found) > 2.0
-
-
-def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
-    """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
-    known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
-    return max(known, default=np.inf)
-
-
 def best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
     """A node with one more effect, fitted from the best few of its starts; None where none comes out better than the node itself."""
     best: Node | None = None
@@ -232,13 +179,6 @@ def _price(search: Search, node: Node, finding: Finding) -> float:
 def _excluded(node: Node, effect: Effect) -> bool:
     """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
     return any(twin in node.names for twin in same_sensor_twins(effect.name))
-
-
-def same_sensor_twins(name: str) -> tuple[str, ...]:
-    """The other name for one late sensor: the lag of a channel for its delay and the other way round; empty for anything else."""
-    kind, _, channel = name.partition(":")
-    twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
-    return (f"{twin}:{channel}",) if twin is not None else ()
 
 
 def _candidate(number: int, node: Node, finding: Finding, child: Node | None, gain: float, others: tuple[str, ...]) -> Candidate:

@@ -10,8 +10,8 @@ from ident.process_noise.innovations_model import is_forced
 from ident.tracing.candidate_model.fitted_model import Node, guards_among
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.occasion import occasion_at
-from ident.tracing.screening.score_test import screen
-from ident.tracing.selection.expansion import best_fit, same_sensor_twins
+from ident.tracing.screening.score_test import same_sensor_twins, screen
+from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, NoiseEffect
 from sim.declaration.proposal import Refinable

@@ -9,10 +9,9 @@ import numpy as np
 
 from ident.process_noise.innovations_model import is_forced
 from ident.tracing.candidate_model.fitted_model import Node, fit_set, levels_of
-from ident.tracing.diagnosis import Candidate, Step
+from ident.tracing.diagnosis import Candidate, Step, Witness, silent
 from ident.tracing.selection.criterion import few_samples, unevenness
 from ident.tracing.settings import TraceSettings
-from ident.tracing.witness import Witness, silent
 from ident.whole_record.layout import FitSettings
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Isolated wrong samples: found, set aside, claimed."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.statistics.robust import robust_sigma
 from sim.record import Record
 
 PROVISIONAL, FINAL = 8.0, 5.5  # robust sigmas
 TAIL = (3.7, 6.5)  # sigmas: more samples there than Gaussian noise explains make a channel heavy-tailed
-ROBUST = 1.4826  # median absolute deviation to sigma
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,6 @@ class Spikes:
     channel: str
     samples: tuple[int, ...]
     sizes: tuple[float, ...]
-
-
-def robust_sigma(values: np.ndarray) -> float:
-    """Standard deviation from the median absolute deviation, insensitive to outliers."""
-    return float(ROBUST * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
 
 
 def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""TODO."""
+"""Data that were not fitted: error figures and whiteness."""

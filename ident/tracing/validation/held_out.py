@@ -14,7 +14,6 @@ import numpy as np
 
 from ident.process_noise.innovations_model import is_forced
 from ident.statistics.information import inverse_information
-from ident.statistics.residuals import ResidualTest, ljung_box
 from ident.tracing.candidate_model.fitted_model import (
     Node,
     Values,
@@ -26,15 +25,15 @@ from ident.tracing.candidate_model.fitted_model import (
     free_names,
     levels_of,
 )
-from ident.tracing.diagnosis import Candidate, ErrorFigures
+from ident.tracing.diagnosis import Candidate
 from ident.tracing.screening.occasion import occasion_at
 from ident.tracing.screening.score_test import screen
+from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import Prior, lay_out
 from sim.declaration.effect import Effect
 from sim.record import Record
 
-LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below
 LITTLE = 0.05  # of the best candidate's gain
 DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
 
@@ -191,67 +190,3 @@ def _prior_where_both_meet(node: Node, freer: Node, masks: Sequence[np.ndarray] 
     step = np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0] / scale
     information, _ = inverse_information(covariance[:n, :n], np.ones(n))
     return Prior(np.arange(n), fit.theta[:n] + step[:n], information)
-
-
-def prediction(fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]) -> np.ndarray:
-    """Free simulation at every row of a record, ``(m, N)``; the mean of the measurement where the fit failed."""
-    if fit is not None:
-        rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
-        return np.array([rows[name] for name in channels])
-    return np.array([np.full(len(record), float(record[name].values[record[name].valid].mean())) for name in channels])
-
-
-def error_figures(predictions: Sequence[np.ndarray], records: Sequence[Record], masks: Sequence[np.ndarray], channels: Sequence[str]) -> ErrorFigures:
-    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples set aside left out."""
-    rmse, nrmse, r2, theil = {}, {}, {}, {}
-    for i, name in enumerate(channels):
-        pairs = [
-            (p[i][mask[i]], record[name].values[mask[i]])
-            for p, record, mask in zip(predictions, records, masks, strict=True)
-            if name in record.output_names
-        ]
-        p, z = np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
-        if z.size == 0:
-            continue
-        error = float(np.sqrt(np.mean((z - p) ** 2)))
-        spread = float(np.std(z))
-        rmse[name] = error
-        nrmse[name] = error / spread if spread > 0 else 0.0
-        r2[name] = 1.0 - (error / spread) ** 2 if spread > 0 else 0.0
-        size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(p**2)))
-        theil[name] = error / size if size > 0 else 0.0
-    return ErrorFigures(rmse, nrmse, r2, theil)
-
-
-def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
-    """Ljung-Box and low-frequency power of every channel of every record of a fit."""
-    tests = []
-    many = len(fit.layout.problems) > 1
-    for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
-        where = f", {label}{f' record {r + 1}' if many else ''}"
-        for i, name in enumerate(fit.layout.system.output_names):
-            if np.count_nonzero(problem.valid[i]) < 20:
-                continue
-            box = ljung_box(residual[i], problem.valid[i], name + where)
-            tests += [box, low_frequency_power(residual[i], problem.valid[i], problem.record.time, name + where)]
-    return tests
-
-
-def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str) -> ResidualTest:
-    """Is there more power below 4 Hz than white noise of the same total has? Chi-squared of the periodogram's sum."""
-    from scipy.special import betainc
-
-    series = np.where(valid, residual, 0.0)
-    n = len(series)
-    interval = (time[-1] - time[0]) / (n - 1)
-    power = np.abs(np.fft.rfft(series)) ** 2
-    low = np.fft.rfftfreq(n, interval) <= LOW_FREQUENCY
-    low[0] = False
-    k, rest = int(low.sum()), int((~low).sum()) - 1
-    if k < 3 or rest < 3:
-        return ResidualTest("low-frequency-power", channel, 1.0, 1.0, "the whole band lies below 4 Hz")
-    share = float(power[low].sum() / max(power[1:].sum(), 1e-300))
-    # Sums of independent exponentials: the share is beta distributed.
-    p_value = float(1.0 - betainc(k, rest, min(share, 1.0)))
-    ratio = share * (k + rest) / k
-    return ResidualTest("low-frequency-power", channel, ratio, max(p_value, 0.0), f"{ratio:.2f} times the power of white noise below 4 Hz")

@@ -1,1 +1,1 @@
-"""TODO."""
+"""A diagnosis in words, tables, figures and files."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
-from scenarios.diagnosis.report.wording import displayed, with_sigma
+from scenarios.terminal.quantities import displayed, with_sigma
 
 GUARD, STANDS = "guard:", "stands"
 SHOWN = 6  # candidates of a round

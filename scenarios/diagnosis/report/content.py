@@ -13,8 +13,8 @@ import numpy as np
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.kinematics import kinematics_content
 from scenarios.diagnosis.report.evidence import record_labels, warnings_of
+from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
 

@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Qu
 from ident.tracing.residual_structure import Leftover, left_over
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.report.wording import CHANNELS, DEGREES, displayed, value_text, with_sigma
+from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}

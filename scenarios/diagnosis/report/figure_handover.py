@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis.report.figures import Pictured, Replicated
+from scenarios.plots.pictured import Pictured, Replicated
 from sim.record import Channel, Hold, Record
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from scenarios.diagnosis.report.figures import Pictured
+    from scenarios.plots.pictured import Pictured
 
 Process = subprocess.Popen[bytes]
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+from scenarios.plots.pictured import Pictured
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
@@ -22,31 +20,6 @@ CAPTIONS = {
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Replicated:
-    """An effect's parameters from each of ``records`` by itself, and from the fitted ones ``together``."""
-
-    name: str
-    records: tuple[str, ...]
-    by_record: tuple[Mapping[str, Quantity], ...]
-    together: Mapping[str, Quantity]
-
-
-@dataclass(frozen=True, eq=False)
-class Pictured:
-    """What the figures show of a diagnosis; ``noise`` by channel, ``claimed`` names of effects."""
-
-    fitted: tuple[FittedRecord, ...]
-    predictions: tuple[Prediction, ...]
-    candidates: tuple[Candidate, ...]
-    before: Mapping[str, Quantity]
-    after: Mapping[str, Quantity]
-    noise: Mapping[str, float]
-    claimed: tuple[str, ...]
-    held_out: bool
-    replicated: tuple[Replicated, ...] = ()
 
 
 def draw_diagnosis(pictured: Pictured, folder: Path, part: slice = slice(None)) -> None:

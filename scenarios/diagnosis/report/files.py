@@ -16,10 +16,11 @@ from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
-from scenarios.diagnosis.report.figures import Pictured, Replicated, numbered
-from scenarios.diagnosis.report.wording import UNDETERMINED, determined
+from scenarios.diagnosis.report.figures import numbered
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 

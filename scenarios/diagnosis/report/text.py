@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.diagnosis.kinematics import kinematics_lines
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
+from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
-from scenarios.diagnosis.report.wording import DEGREES, Wording, group_sentence, parameter_text, sentence, value_text
+from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
+from scenarios.terminal.quantities import DEGREES, value_text
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}

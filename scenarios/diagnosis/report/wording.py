@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim, Quantity
-
-DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
-CHANNELS = {"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor"}
+from scenarios.terminal.quantities import CHANNELS, _number, _spaced, displayed, with_sigma
 
 # By name without its channel: templates of which the first whose parameters are all there is taken. Beside the parameters by
 # local name: {control}, {channel}, {rest} (all parameters but times), and of a parameter NAME_percent (its distance from
@@ -69,7 +67,6 @@ MEMBERS: Mapping[str, str] = MappingProxyType(
         "sensor-delay": "delay",
     }
 )
-UNDETERMINED = "not determined by these data"
 _LATE = ("sensor-lag", "sensor-delay")
 _TIMES = ("time", "start", "begin", "duration")
 
@@ -122,31 +119,6 @@ def parameter_text(claim: Claim, wording: Wording) -> str:
     return ", ".join(f"{name} {with_sigma(quantity, _stick(claim, quantity, wording), name)}" for name, quantity in claim.parameters.items())
 
 
-def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.061 +- 0.001 s"``, angles in degrees, digits by the sigma; ``unit`` replaces the quantity's own."""
-    value, std, text = displayed(quantity, name)
-    if name == "count":  # of events: a whole number
-        return f"{value:.0f}"
-    return value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
-
-
-def value_text(value: float, std: float, unit: str = "") -> str:
-    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such."""
-    shown = _spaced(unit)
-    if not determined(value, std):
-        return "not determined"
-    digits = _digits(std)
-    return f"{value:.{digits}f} +- {std:.{digits}f}{shown}" if digits < 7 else f"{value:.3g} +- {std:.2g}{shown}"
-
-
-def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
-    """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
-    if quantity.unit in DEGREES and "frequency" not in name:
-        factor = 180.0 / math.pi
-        return factor * quantity.value, factor * quantity.std, DEGREES[quantity.unit]
-    return quantity.value, quantity.std, quantity.unit
-
-
 def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
     fields = {}
     for name, quantity in claim.parameters.items():
@@ -171,26 +143,3 @@ def _stick(claim: Claim, quantity: Quantity, wording: Wording) -> str | None:
     if wording.control != "stick" or not claim.name.startswith(("input-", "actuator-")):
         return None
     return {"1": label, "1/s": f"{label}/s"}.get(quantity.unit)
-
-
-def _number(value: float, std: float) -> str:
-    """The value with the digits that its sigma leaves, three at most."""
-    if not determined(value, std):
-        return f"{value:.2g}"
-    digits = max(0, -math.floor(math.log10(std)))
-    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"
-
-
-def _digits(std: float) -> int:
-    """Decimals that show two digits of a sigma that begins with 1, else one."""
-    power = math.floor(math.log10(std))
-    return max(0, -power + (1 if std / 10.0**power < 1.95 else 0))
-
-
-def determined(value: float, std: float) -> bool:
-    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
-    return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
-
-
-def _spaced(unit: str) -> str:
-    return f" {unit}" if unit not in ("", "1") else ""

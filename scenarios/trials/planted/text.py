@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.report.wording import value_text
 from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.terminal.quantities import value_text
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.trials.detection import interval
+from scenarios.trials.scoring import interval
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
 from scenarios.trials.standin.study import Naming, Progress, StandInStudy, run_standin

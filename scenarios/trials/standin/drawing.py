@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.trials.detection import AIRCRAFT, USUAL
+from scenarios.trials.aircraft import AIRCRAFT, USUAL
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
 from scenarios.trials.hidden.curved_loads import CurvedLoads
 from scenarios.trials.standin.aircraft import LongitudinalFlight

@@ -11,9 +11,9 @@ from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import estimate_of
 from scenarios.trials.standin.declaration import MEASURED
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.errors import ModelError
 from sim.record import Record
 

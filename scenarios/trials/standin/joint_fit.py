@@ -1,7 +1,7 @@
 """Output error over very many records together: what they share by Gauss-Newton, what belongs to one record eliminated there.
 
-The cost is that of `ident.whole_record.gauss_newton`, 0.5 sum_i N_i ln(SS_i/N_i) over the outputs i, SS_i the squares of all residuals. Of a record only
-J_i'J_i, J_i'r_i and r_i'r_i are kept, so that memory does not grow with sensitivities, and the linearised problem is minimised to
+The cost is that of `ident.whole_record.gauss_newton`, 0.5 sum_i N_i ln(SS_i/N_i) over the outputs i, SS_i the squares of all residuals.
+Of a record only J_i'J_i, J_i'r_i and r_i'r_i are kept, so that memory does not grow with sensitivities, and the linearised problem is minimised to
 its end, noise variances included, before records are simulated again.
 """
 

@@ -14,8 +14,8 @@ from scenarios.trials.standin.drawing import Drawn
 from scenarios.trials.standin.fitting import declared_model
 from scenarios.trials.standin.flying import fly_draws
 from scenarios.trials.standin.joint_fit import Point, fit_together
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, Regularity
-from sim.declaration.system import compile_model
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 

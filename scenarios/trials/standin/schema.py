@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.schema import Quantity, positive, si
-from scenarios.trials.detection import AIRCRAFT
+from scenarios.trials.aircraft import AIRCRAFT
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
 from scenarios.trials.standin.dominant import KINDS as EFFECTS
 from scenarios.trials.standin.maneuvers import KINDS as MANEUVERS

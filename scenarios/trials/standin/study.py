@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
-from scenarios.trials.detection import TWINS
+from scenarios.trials.scoring import TWINS
 from scenarios.trials.standin.declaration import Causes, StandIn
 from scenarios.trials.standin.flight import Flight, fly_standin, write_flight
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.report.wording import value_text
 from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.terminal.quantities import value_text
 from scenarios.trials.standin.declaration import MEASURED
 from scenarios.trials.standin.drawing import Dominant, Drawn
 from scenarios.trials.standin.fitting import declared_model, left_over

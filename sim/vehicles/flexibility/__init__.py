@@ -1,1 +1,1 @@
-"""TODO."""
+"""Elastic modes condensed into rigid derivatives, and how flexible an aircraft is."""

@@ -13,8 +13,8 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.estimate import Outcome
 from ident.filters.ekf import FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
 from sim.propagation.integrate import euler_step

@@ -14,8 +14,8 @@ from ident.banks.runs import BankTrace, empty_trace
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 from ident.filters.transition import Exponential, Taylor
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.propagation.integrate import euler_step
 from sim.record import Hold, Record

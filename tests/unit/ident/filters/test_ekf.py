@@ -11,9 +11,9 @@ import pytest
 from ident.estimate import Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor, Transition
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
 from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.system import compile_model
 from sim.errors import ModelError
 from sim.propagation.grid import make_grid
 from sim.propagation.integrate import Step, euler_step, rk4_step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ident.filter_start import proportional_priors
+from ident.filters.problem import proportional_priors
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
 

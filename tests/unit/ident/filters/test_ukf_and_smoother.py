@@ -12,8 +12,8 @@ from ident.filters.ekf import FilterSettings, run_ekf
 from ident.filters.smoother import smooth
 from ident.filters.transition import Exponential, Taylor, Transition
 from ident.filters.ukf import run_ukf, slopes, square_root
+from sim.declaration.compile import compile_model
 from sim.declaration.parameters import Parameter, ParameterSet
-from sim.declaration.system import compile_model
 from sim.propagation.grid import make_grid
 from sim.propagation.integrate import Step, euler_step, rk4_step
 from tests.linear_problem import matrices, oscillator, record_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.flying_qualities.frequency_response import estimate_response, fit_response, model_response
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.errors import ModelError, RecordError
 from sim.record import Channel, Hold, Record
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, fly, loes_flight, loes_model

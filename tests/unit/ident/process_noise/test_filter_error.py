@@ -21,7 +21,7 @@ from ident.process_noise.innovations_model import SCALE, process_noise
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out, reweighed
 from ident.whole_record.output_error import fit_output_error
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.errors import ModelError
 from tests.linear_problem import matched_record, oscillator
 from tests.turbulence import DERIVATIVES, NOISE, TRUE, calm_model, rough_model, rough_record

@@ -13,8 +13,8 @@ from ident.process_noise.innovations_model import process_noise
 from ident.process_noise.whitener import Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitSettings, lay_out
-from ident.whole_record.linearise import RecordProblem, record_problem
-from sim.declaration.system import compile_model
+from ident.whole_record.record_problem import RecordProblem, record_problem
+from sim.declaration.compile import compile_model
 from sim.record import Channel, Record
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import exponential

@@ -14,8 +14,8 @@ from ident.regression.equation_error import RegressionSettings, run_equation_err
 from ident.regression.local_polynomial import half_width_by_cross_validation, smoothed, windows
 from ident.regression.state_histories import rate_relations
 from ident.whole_record.output_error import fit_output_error
+from sim.declaration.compile import compile_model
 from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import compile_model
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.errors import ModelError

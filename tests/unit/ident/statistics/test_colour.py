@@ -7,7 +7,7 @@ import pytest
 
 from ident.statistics.coloured_covariance import autocovariance, corrected_covariance
 from ident.whole_record.output_error import FitSettings, fit_output_error
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.rigid_problem import FREE

@@ -12,16 +12,9 @@ from hypothesis import strategies as st
 from ident.tracing.candidate_model.fitted_model import Node
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.spikes.masks import measured_masks
-from ident.tracing.validation.held_out import (
-    doubted,
-    error_figures,
-    held_out,
-    low_frequency_power,
-    prediction,
-    training_prior,
-    whiteness,
-    with_held_out_change,
-)
+from ident.tracing.validation.error_figures import error_figures, prediction
+from ident.tracing.validation.held_out import doubted, held_out, training_prior, with_held_out_change
+from ident.tracing.validation.whiteness import low_frequency_power, whiteness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale

@@ -10,9 +10,11 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import Node, carried, compiled_with, free_names
+from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Claim, Verdict
-from ident.tracing.selection.expansion import expand, quantities
-from ident.tracing.selection.forward import first_round, grow, hopeless, look_back, refined
+from ident.tracing.selection.backward import look_back, refined
+from ident.tracing.selection.expansion import expand
+from ident.tracing.selection.forward import first_round, grow, hopeless
 from ident.tracing.selection.search import Search
 from ident.tracing.validation.held_out import HeldOut, held_out
 from ident.tracing.verdict import judge

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from ident.tracing.screening.alternative_outputs import alternative_outputs
-from ident.whole_record.linearise import record_problem
+from ident.whole_record.record_problem import record_problem
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.effects.library import find_effect
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import propagate, simulate

@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.estimate import Estimate, Outcome
-from ident.whole_record.linearise import guess_states, linearise, record_problem
+from ident.whole_record.linearise import linearise
 from ident.whole_record.output_error import FitSettings, fit_output_error
+from ident.whole_record.record_problem import guess_states, record_problem
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.parameters import ParameterSet
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import simulate

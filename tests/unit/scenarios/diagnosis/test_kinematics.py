@@ -22,12 +22,12 @@ from scenarios.diagnosis.kinematics import (
     NOTHING,
     Kinematics,
     agreements,
-    kinematics_lines,
     kinematics_of,
     kinematics_of_files,
     unnamed,
 )
 from scenarios.diagnosis.report.content import diagnosis_content
+from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.report.wording import Wording
 from scenarios.files.writing import json_text, write_record

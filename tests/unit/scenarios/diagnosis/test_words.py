@@ -14,7 +14,8 @@ from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.report.candidate_tables import candidate_rows
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
-from scenarios.diagnosis.report.wording import SENTENCES, Wording, group_sentence, parameter_text, sentence, value_text
+from scenarios.diagnosis.report.wording import SENTENCES, Wording, group_sentence, parameter_text, sentence
+from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable
 from sim.effects.library import library
 from tests.diagnoses import LOES, tracing_of

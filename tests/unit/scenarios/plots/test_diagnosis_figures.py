@@ -10,9 +10,9 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import FittedRecord, Quantity, Verdict
-from scenarios.diagnosis.report.figures import Replicated
 from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra, spectrum
 from scenarios.plots.files import figure_png
+from scenarios.plots.pictured import Replicated
 from scenarios.plots.replication import figure_replication
 from scenarios.plots.style import BLUE
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of

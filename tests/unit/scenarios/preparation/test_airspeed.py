@@ -11,8 +11,8 @@ from ident.whole_record.output_error import fit_output_error
 from scenarios.diagnosis.candidates import candidates_for
 from scenarios.preparation.airspeed import able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.holding_out import hold_out
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
 from sim.vehicles.factory import model_from_constants

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ident.whole_record.output_error import fit_output_error
 from scenarios.preparation.filtering import ORDER, filtered
 from scenarios.preparation.plan import Plan
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
 from tests.oracles.falling_speed import TRUE, fly_falling

@@ -7,22 +7,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.trials.detection import (
-    NOISE,
-    SETTINGS,
-    Alarm,
-    Detection,
-    Finding,
-    alarm_rows,
-    detection_rows,
-    drawn_aircraft,
-    flown,
-    found,
-    interval,
-    size_of,
-    with_effect,
-)
+from scenarios.trials.aircraft import NOISE, drawn_aircraft
+from scenarios.trials.detection import SETTINGS, Alarm, Detection, Finding, alarm_rows, detection_rows, flown, found, size_of, with_effect
 from scenarios.trials.detection import _first as first_maneuver
+from scenarios.trials.scoring import interval
 from tests.diagnoses import tracing_of
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.trials.detection import drawn_aircraft
+from scenarios.trials.aircraft import drawn_aircraft
 from scenarios.trials.examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
 from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model

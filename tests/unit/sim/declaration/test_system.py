@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.actuator_lag import ActuatorLag

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from tests.bases import RIGID_VALUES, rigid_model
 

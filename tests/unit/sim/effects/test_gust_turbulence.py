@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from sim.declaration.system import System, compile_model
+from sim.declaration.compile import compile_model
+from sim.declaration.system import System
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.maths.elementary import complex_step_jacobian
 from sim.truth.flight import fly, sample_times

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sim.declaration.compile import compile_model
 from sim.declaration.proposal import Occasion
-from sim.declaration.system import compile_model
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag

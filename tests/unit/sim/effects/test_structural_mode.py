@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.errors import ModelError

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from sim.errors import ModelError
-from sim.maneuvers.multisine import Multisine, Spacing, Sweep, orthogonal_multisines, schroeder_multisine
+from sim.maneuvers.multisine import Multisine, orthogonal_multisines, schroeder_multisine
 from sim.maneuvers.steps import Delayed, Maneuver, MultiStep, Sum, doublet, pulse, sequence, step, three_two_one_one
+from sim.maneuvers.sweep import Spacing, Sweep
 from sim.record import Hold
 
 SMOOTH: dict[str, Maneuver] = {

@@ -11,9 +11,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, InputEffect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.system import System, compile_model
+from sim.declaration.system import System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.propagation.grid import CELL, cell_edges, drive_from_cells, drive_from_means, drive_from_record, make_grid
 from sim.record import Hold

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from sim.declaration.system import System, compile_model
+from sim.declaration.compile import compile_model
+from sim.declaration.system import System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian, cos

@@ -12,8 +12,8 @@ from scipy.linalg import expm
 from sim.declaration.model import Model, Noise
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import ModelError
-from sim.maneuvers.multisine import Sweep
 from sim.maneuvers.steps import Delayed, pulse, step, three_two_one_one
+from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Hold
 from sim.truth.flight import Distance, fly, remeasure, sample_times

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.errors import DeclarationError, ModelError
 from sim.vehicles.factory import LOES_OFFSETS, loes_filter_model, model_from_constants
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, Flight, fly, loes_flight, loes_model

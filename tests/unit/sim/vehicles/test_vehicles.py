@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.declaration.system import compile_model
+from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError, FlightidError
 from sim.maths.elementary import complex_step_jacobian
 from sim.vehicles.data import Number, Origin, difference

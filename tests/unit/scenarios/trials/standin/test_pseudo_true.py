@@ -14,8 +14,8 @@ from scenarios.trials.standin.fitting import declared_model, estimated, fitted
 from scenarios.trials.standin.flying import SPEED, fly_drawn, fly_draws
 from scenarios.trials.standin.joint_fit import fit_together
 from scenarios.trials.standin.pseudo_true import pseudo_true
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.system import compile_model
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 from sim.maneuvers.steps import doublet

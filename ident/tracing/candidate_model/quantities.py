@@ -1,0 +1,65 @@
+"""An effect's parameters in a fitted model: values with corrected sigmas, the records they act on, and which lie beyond belief."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.statistics.information import inverse_information
+from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.diagnosis import Quantity
+from sim.declaration.effect import Effect, full_name
+
+CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
+
+
+def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+    """An effect's free parameters in a node, by local name; of the record in which it stands out most where each has its own."""
+    return max(_quantities_by_record(node, effect), key=lambda found: _sigmas(effect, found))
+
+
+def records_of(node: Node, effect: Effect) -> tuple[int, ...]:
+    """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
+    each = _quantities_by_record(node, effect)
+    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
+    return seen if 0 < len(seen) < len(each) else ()
+
+
+def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
+    """The same for every record; alike where the parameters are shared."""
+    normal, _ = node.fit.normal_equations()
+    covariance, _ = inverse_information(normal, node.fit.theta)
+    return quantities_with(node, effect, covariance)
+
+
+def quantities_with(node: Node, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
+    """An effect's parameters in each record of a node, with sigmas from a covariance ``(n, n)`` of all unknowns."""
+    places = {name: i for i, name in enumerate(node.fit.layout.names)}
+    out: list[dict[str, Quantity]] = []
+    for r in range(len(node.fit.layout.problems)):
+        found = {}
+        for item in effect.parameters:
+            full = full_name(effect, item.name)
+            at = places.get(full, places.get(f"{full}, record {r + 1}"))
+            if at is not None:
+                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+        out.append(found)
+    return out
+
+
+def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
+    """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
+    ranges = getattr(effect, "plausible", {})
+    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
+
+
+def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
+    """Whether parameters differ from the effect's absence by more than they are uncertain."""
+    return _sigmas(effect, found) > 2.0
+
+
+def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
+    """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
+    known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
+    return max(known, default=np.inf)

@@ -1,0 +1,30 @@
+"""Names and units of the channels that records may have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+TIME = "time"
+
+
+STICK = "stick"
+
+
+# Channel -> unit inside; the stick is never converted, its unit is a label.
+CHANNEL_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        TIME: "s",
+        "elevator": "rad",
+        STICK: "1",
+        "alpha": "rad",
+        "q": "rad/s",
+        "nz": "g",
+        "altitude": "m",
+        "theta": "rad",
+        "airspeed": "m/s",
+        "dynamic_pressure": "Pa",
+        "ax": "m/s2",
+        "az": "m/s2",
+    }
+)

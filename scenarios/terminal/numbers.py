@@ -1,0 +1,41 @@
+"""Numbers and single lines as the terminal shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.console import Console
+
+from ident.statistics.residuals import ResidualTest
+
+
+def console(width: int | None = None) -> Console:
+    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
+    plain = Console(markup=False)
+    return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+
+
+def number(value: float, std: float | None = None) -> str:
+    """A number with the digits that its standard deviation makes sensible: two of the deviation, else five."""
+    if std is None or not std > 0:
+        return f"{value:.5g}"
+    from math import floor, log10
+
+    last = floor(log10(std)) - 1  # the decimal place of the deviation's second digit
+    if last >= -5:
+        return f"{value:.{max(0, -last)}f}"
+    return f"{value:.{max(1, floor(log10(max(abs(value), std))) - last)}e}"
+
+
+def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
+    """Natural frequency, damping and the like with their sigmas, in one line."""
+    words = {"natural_frequency": "natural frequency {} rad/s", "damping_ratio": "damping ratio {}", "delay": "delay {} s"}
+    return "; ".join(words[key].format(f"{number(v, s)} +- {number(s, s)}") for key, (v, s) in derived.items())
+
+
+def test_line(tests: Sequence[ResidualTest]) -> str:
+    """What the residual tests say, in one line."""
+    failed = [test for test in tests if not test.passed]
+    if failed:
+        return "residual is not the noise alone: " + "; ".join(f"{test.channel}: {test.sentence}" for test in failed)
+    return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""

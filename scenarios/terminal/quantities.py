@@ -1,0 +1,63 @@
+"""Quantities with their sigmas in the unit in which people read them."""
+
+from __future__ import annotations
+
+import math
+
+from ident.tracing.diagnosis import Quantity
+
+DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
+
+
+CHANNELS = {"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor"}
+
+
+UNDETERMINED = "not determined by these data"
+
+
+def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
+    """``"0.061 +- 0.001 s"``, angles in degrees, digits by the sigma; ``unit`` replaces the quantity's own."""
+    value, std, text = displayed(quantity, name)
+    if name == "count":  # of events: a whole number
+        return f"{value:.0f}"
+    return value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
+
+
+def value_text(value: float, std: float, unit: str = "") -> str:
+    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such."""
+    shown = _spaced(unit)
+    if not determined(value, std):
+        return "not determined"
+    digits = _digits(std)
+    return f"{value:.{digits}f} +- {std:.{digits}f}{shown}" if digits < 7 else f"{value:.3g} +- {std:.2g}{shown}"
+
+
+def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
+    """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
+    if quantity.unit in DEGREES and "frequency" not in name:
+        factor = 180.0 / math.pi
+        return factor * quantity.value, factor * quantity.std, DEGREES[quantity.unit]
+    return quantity.value, quantity.std, quantity.unit
+
+
+def _number(value: float, std: float) -> str:
+    """The value with the digits that its sigma leaves, three at most."""
+    if not determined(value, std):
+        return f"{value:.2g}"
+    digits = max(0, -math.floor(math.log10(std)))
+    return f"{value:.{min(digits, max(0, 2 - math.floor(math.log10(abs(value))))) if value else digits}f}"
+
+
+def _digits(std: float) -> int:
+    """Decimals that show two digits of a sigma that begins with 1, else one."""
+    power = math.floor(math.log10(std))
+    return max(0, -power + (1 if std / 10.0**power < 1.95 else 0))
+
+
+def determined(value: float, std: float) -> bool:
+    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
+    return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit not in ("", "1") else ""
