@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
@@ -47,11 +47,11 @@ def search_of(records: Sequence[Record], candidates: Sequence[Effect] = (), sett
     return Search(records, model or declared(), tuple(candidates), outputs, settings, measured_masks(records, outputs), lambda text, share: None)
 
 
-def fitted(search: Search, effects: Sequence[Effect] = (), start: Node | None = None, added: Mapping[str, float] | None = None) -> Node:
+def fit_of(search: Search, effects: Sequence[Effect] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None) -> FittedModel:
     """A fit that has to work."""
-    node = search.fit(effects, start, added)
-    assert node is not None
-    return node
+    fitted = search.fit(effects, start, added)
+    assert fitted is not None
+    return fitted
 
 
 def with_output(record: Record, name: str, values: np.ndarray) -> Record:

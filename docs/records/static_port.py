@@ -34,7 +34,7 @@ class StaticPort:
     def read(self, s, y, vehicle, p):
         return {"altitude": y["altitude"] - p.coefficient * s.velocity * s.velocity / (2.0 * vehicle.gravity)}
 
-    def probes(self, occasion):
+    def probes(self, context):
         return [Probe({"coefficient": 0.0}, slopes=("coefficient",))]
 
 

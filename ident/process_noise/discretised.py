@@ -25,8 +25,8 @@ _KNOTS = 14  # Chebyshev points over the step sizes: a smooth function of a step
 
 
 @dataclass(frozen=True, eq=False)
-class RandomMotion:
-    """Linear random motion over the nodes ``0 .. K`` of a record, ``n`` states.
+class DiscretisedNoise:
+    """Linear process noise over the nodes ``0 .. K`` of a record, ``n`` states.
 
     ``Phi``, ``Q`` ``(K, n, n)`` lead from node k to k + 1; ``H (K + 1, m, n)``; ``start (n, n)``. The leading axis has length 1
     where nothing changes over the record. In derivatives by D quantities a further axis D precedes the matrices.
@@ -39,11 +39,11 @@ class RandomMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class MotionSlopes:
-    """Derivatives of a RandomMotion by the quantities ``of`` (positions among those asked for) that change it."""
+class NoiseSlopes:
+    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for) that change it."""
 
     of: tuple[int, ...]
-    motion: RandomMotion
+    motion: DiscretisedNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,15 +54,15 @@ class Variation:
     scale: float
 
 
-def random_motion(problem: RecordProblem, states: np.ndarray, at: Variation) -> RandomMotion:
-    """Random motion about ``states (nx, K + 1)``; without any state where nothing is forced."""
+def discretised_noise(problem: RecordProblem, states: np.ndarray, at: Variation) -> DiscretisedNoise:
+    """Process noise about ``states (nx, K + 1)``; without any state where nothing is forced."""
     F, H, density, stationary = _linear_motion(problem, states, [at])
     Phi, Q, start = _discrete_motion(problem, F, density, stationary)
-    return RandomMotion(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
+    return DiscretisedNoise(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
 
 
-def motion_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> MotionSlopes:
-    """Derivatives of the random motion at the given trajectory; that the trajectory moves too is left out.
+def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> NoiseSlopes:
+    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is left out.
 
     ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
     """
@@ -73,7 +73,7 @@ def motion_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, mov
     Phi, Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary)
     width = np.array([moved[i][2] for i in of])[:, None, None]
     by_Phi, by_Q, by_H, by_start = ((part[:, 2::2] - part[:, 1::2]) / width for part in (Phi, Q, H[:, chosen], start[None]))
-    return MotionSlopes(of, RandomMotion(by_Phi, by_Q, by_H, by_start[0]))
+    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, by_H, by_start[0]))
 
 
 def _linear_motion(

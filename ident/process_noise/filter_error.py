@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.process_noise.discretised import Variation, random_motion
-from ident.process_noise.innovations_model import SCALE, ProcessNoise, is_forced, process_noise
+from ident.process_noise.discretised import Variation, discretised_noise
+from ident.process_noise.innovations_model import SCALE, ProcessNoise, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
 from ident.process_noise.whitener import whitener
 from ident.statistics.residuals import ljung_box
@@ -51,7 +51,7 @@ def fit_filter_error(records: Sequence[Record], system: System, settings: FitSet
     ModelError : nothing forces a state, a record without any of the outputs, or nothing to estimate.
     """
     settings = settings or FitSettings()
-    if not is_forced(system):
+    if not has_process_noise(system):
         raise ModelError(
             "no white noise forces a state",
             where=f"model with states {', '.join(system.state_names)}",
@@ -69,7 +69,7 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
 
     Parameters
     ----------
-    layout : whatever its weighing, of a System whose states are forced.
+    layout : whatever its noise_model, of a System whose states are forced.
     guesses : trajectories to begin with. levels : measurement noise by output, and ``process_noise_scale`` if wanted, of a
         fit of nearly the same model: a warm start. When None they come from an output-error fit, which also
         moves the other unknowns' start.
@@ -86,8 +86,8 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
         levels = {**dict(zip(layout.system.output_names, noise.tolist(), strict=True)), SCALE: factor}
     present = [name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used]
-    weighing = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
-    return fit_whole_records(reweighed(layout, weighing, start), guesses)
+    noise_model = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
+    return fit_whole_records(reweighed(layout, noise_model, start), guesses)
 
 
 def _amplitudes(layout: FitLayout) -> dict[int, float]:
@@ -111,11 +111,11 @@ def _never_still(layout: FitLayout) -> FitLayout:
 
 
 def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
-    """Factor on the start's forcing that makes the random motion as large as what the residuals hold beyond noise ``(m,)``."""
+    """Factor on the start's forcing that makes the process noise as large as what the residuals hold beyond noise ``(m,)``."""
     layout = fit.layout
     expected, beyond = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
     for r, (problem, line) in enumerate(zip(layout.problems, fit.lines, strict=True)):
-        motion = random_motion(problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0))
+        motion = discretised_noise(problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0))
         # A filter that trusts no measurement propagates the covariance of the motion itself.
         spread = whitener(motion, 1e12 * noise**2, np.zeros((len(problem.grid.nodes), len(noise)), dtype=bool)).predicted
         expected += np.mean(np.einsum("tij,tjk,tik->ti", motion.H, spread, motion.H, optimize=True), axis=0) / len(layout.problems)
@@ -126,11 +126,11 @@ def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
 
 def noise_levels(fit: Fit) -> dict[str, float]:
     """Measurement noise by output, and the scale of declared process noise, of a fit with process noise: a warm start for another."""
-    weighing = fit.layout.weighing
-    if not isinstance(weighing, ProcessNoise):
+    noise_model = fit.layout.noise_model
+    if not isinstance(noise_model, ProcessNoise):
         return dict(zip(fit.layout.system.output_names, np.sqrt(fit.variance).tolist(), strict=True))
-    std, scale = weighing.levels(fit.theta)
-    return {**dict(zip(weighing.outputs, std.tolist(), strict=True)), SCALE: scale}
+    std, scale = noise_model.levels(fit.theta)
+    return {**dict(zip(noise_model.outputs, std.tolist(), strict=True)), SCALE: scale}
 
 
 def noise_start(fit: Fit) -> np.ndarray:
@@ -157,11 +157,11 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     Noise levels, turbulence's parameters among them, are those of the adjusted likelihood: see `ident.process_noise.restricted_likelihood`.
     """
     layout, system = fit.layout, fit.layout.system
-    assert isinstance(layout.weighing, ProcessNoise)
+    assert isinstance(layout.noise_model, ProcessNoise)
     covariance, determined = fit_covariance(fit)
     theta, factor = restricted_levels(fit, covariance)
     covariance = covariance * np.outer(factor, factor)
-    scaled = layout.weighing.scaled
+    scaled = layout.noise_model.scaled
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
@@ -172,7 +172,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
         fit.outcome if determined else Outcome.NOT_IDENTIFIABLE,
         fit.log_likelihood,
         system.output_names,
-        layout.weighing.levels(theta)[0],
+        layout.noise_model.levels(theta)[0],
         tuple(one_step_prediction(fit, r) for r in range(len(fit.lines))),
         iterations=fit.iterations,
     )
@@ -233,6 +233,6 @@ def predictive_log_likelihood(
     plain = fit_whole_records(reweighed(layout, WHITE, settings=replace(settings, tolerance=_COARSE)))
     if plain is None:
         return -np.inf
-    weighing = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
-    fit = fit_whole_records(reweighed(layout, weighing, plain.theta), [line.states for line in plain.lines])
+    noise_model = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
+    fit = fit_whole_records(reweighed(layout, noise_model, plain.theta), [line.states for line in plain.lines])
     return -np.inf if fit is None else fit.log_likelihood

@@ -1,4 +1,4 @@
-"""Weighing of a fit whose states are forced by white noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
+"""Noise model of a fit whose states are forced by white noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
 
 The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory. Its gradient and
 expected information include how the filter depends on the parameters, noise levels among them, so that all unknowns
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.process_noise.discretised import Variation, motion_slopes, random_motion, slope_pairs
+from ident.process_noise.discretised import Variation, discretised_noise, noise_slopes, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.linearise import Linearisation
@@ -92,7 +92,7 @@ class ProcessNoise:
         for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, weighed.filters, strict=True)):
             at = Variation(layout.split(theta, r)[0], scale)
             pairs = slope_pairs(at, [layout.order[q] for q in acting], (problem.increment[acting] / INCREMENT).tolist(), self.scaled)
-            slopes = motion_slopes(problem, line.states, at, pairs)
+            slopes = noise_slopes(problem, line.states, at, pairs)
             mine = layout.columns(r)
             moving = np.array([*(mine[acting[i]] if i < len(acting) else n - 1 for i in slopes.of), *own[: len(estimated)]], dtype=int)
             if moving.size:
@@ -131,7 +131,7 @@ class ProcessNoise:
         std, scale = self.levels(theta)
         cost, filters, whitened, jacobians = -0.5 * float(counts.sum()), [], [], []
         for r, (problem, line, residual) in enumerate(zip(layout.problems, lines, residuals, strict=True)):
-            motion = random_motion(problem, line.states, Variation(layout.split(theta, r)[0], scale))
+            motion = discretised_noise(problem, line.states, Variation(layout.split(theta, r)[0], scale))
             made = whitener(motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
             passed = filtered(made, _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)))
             own = Filtered(passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0])
@@ -155,13 +155,13 @@ def _stretched(p: np.ndarray, index: int) -> np.ndarray:
     return moved
 
 
-def is_forced(system: System) -> bool:
+def has_process_noise(system: System) -> bool:
     """Whether white noise acts on a state."""
     return bool(np.any(_density(system, system.parameters.values()) > 0))
 
 
 def process_noise(system: System, std: Mapping[str, float], present: Sequence[str], *, fixed: bool = False, scale: float = 1.0) -> ProcessNoise:
-    """Weighing for a System: noise levels started (or ``fixed``) at ``std``, those of the outputs in ``present`` estimated.
+    """Noise model for a System: noise levels started (or ``fixed``) at ``std``, those of the outputs in ``present`` estimated.
 
     Process noise declared on states gets an unknown scale, unless fixed.
     """

@@ -21,9 +21,9 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.
 
     ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas of noise levels go with the levels.
     """
-    weighing, theta = fit.layout.weighing, fit.theta
-    assert isinstance(weighing, ProcessNoise)
-    setting = weighing.setting_noise(fit.layout, theta)
+    noise_model, theta = fit.layout.noise_model, fit.theta
+    assert isinstance(noise_model, ProcessNoise)
+    setting = noise_model.setting_noise(fit.layout, theta)
     inside = (theta[setting] > fit.layout.low[setting]) & (theta[setting] < fit.layout.high[setting])
     moved, others = setting[inside], np.setdiff1d(np.arange(len(theta)), setting)
     base = _log_determinant(fit, theta, others)
@@ -45,7 +45,7 @@ def _log_determinant(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> floa
     """Of the information on the unknowns at ``positions`` with the noise of ``theta``, about the fit's trajectories."""
     layout, n = fit.layout, len(theta)
     residuals = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(layout.problems, fit.lines, strict=True)]
-    weighed = layout.weighing.weigh(layout, theta, fit.lines, residuals, fit.counts)
+    weighed = layout.noise_model.weigh(layout, theta, fit.lines, residuals, fit.counts)
     if weighed is None:
         return float("nan")
     information = np.zeros((n, n))

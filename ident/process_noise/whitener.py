@@ -1,6 +1,6 @@
 """A Kalman filter used as a linear pre-whitener of residuals and of every sensitivity column.
 
-The residual of a deterministic fit is e = H x + v with x the random motion. Its innovations, nu[k] = e[k] minus its prediction
+The residual of a deterministic fit is e = H x + v with x the process noise. Its innovations, nu[k] = e[k] minus its prediction
 from e[0 .. k - 1], are white; the columns of the Jacobian pass through the same linear filter (Jategaonkar, Flight
 Vehicle System Identification, ch. 5). Covariances come from a scan, the states from one banded triangular solve.
 """
@@ -15,7 +15,7 @@ from ident.process_noise.associative_scan import advanced, combine_affine, combi
 from ident.process_noise.associative_scan import from_left as _left
 from ident.process_noise.associative_scan import from_right as _right
 from ident.process_noise.associative_scan import transposed as _turned
-from ident.process_noise.discretised import MotionSlopes, RandomMotion
+from ident.process_noise.discretised import DiscretisedNoise, NoiseSlopes
 
 _CHUNK = 64
 _SETTLED = 1e-12  # relative change of the covariance over a chunk
@@ -31,7 +31,7 @@ class Whitener:
     ``log_determinant`` is the sum over all samples of the log determinant of their innovation covariance.
     """
 
-    motion: RandomMotion
+    motion: DiscretisedNoise
     variance: np.ndarray
     valid: np.ndarray
     at: np.ndarray
@@ -65,8 +65,8 @@ class LikelihoodSlopes:
     information: np.ndarray
 
 
-def whitener(motion: RandomMotion, variance: np.ndarray, valid: np.ndarray) -> Whitener:
-    """Gains for a random motion, measurement variances ``(m,)`` and validity ``(K + 1, m)`` of the samples at the nodes.
+def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) -> Whitener:
+    """Gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1, m)`` of the samples at the nodes.
 
     Raises
     ------
@@ -111,8 +111,8 @@ def filtered(filter: Whitener, columns: np.ndarray) -> Filtered:
     return Filtered(innovation, _every(filter.root, filter) @ innovation, state)
 
 
-def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: MotionSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
-    """Slopes by the quantities that move the random motion, then by those that move the measurement variances.
+def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray) -> LikelihoodSlopes:
+    """Slopes by the quantities that move the process noise, then by those that move the measurement variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """

@@ -86,7 +86,7 @@ class Claim:
 class Candidate:
     """Evidence on one candidate at one node of the search.
 
-    ``gain`` is that of the log likelihood; ``p_value`` of that gain under the node's model, for the parameters added;
+    ``gain`` is that of the log likelihood; ``p_value`` of that gain under the fitted model's model, for the parameters added;
     ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
     ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says why it does not stand, where that was asked.
     """
@@ -177,7 +177,7 @@ class Diagnosis:
     fitted: tuple[FittedRecord, ...]
     seconds: Mapping[str, float]
     scatter: Mapping[str, float] = field(default_factory=dict)
-    growth: Mapping[str, float] = field(default_factory=dict)
+    inflation: Mapping[str, float] = field(default_factory=dict)
 
 
 def silent(effect: str, parameters: Mapping[str, Quantity]) -> int:

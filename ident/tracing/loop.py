@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import Node, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
 from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
-from ident.tracing.replication.between_records import FEWEST, Between, between_records
-from ident.tracing.replication.partial import Partial, stand_by_themselves
+from ident.tracing.replication.between_records import FEWEST, RecordScatter, scatter_between_records
+from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import reported
-from ident.tracing.selection.backward import look_back, refined
-from ident.tracing.selection.forward import defies, extended, first_round, grow, hopeless
+from ident.tracing.selection.backward import backward_elimination, refined
+from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
@@ -78,7 +78,7 @@ def diagnose(
     if asked:
         # What replicates is looked for at once: a search that trusts noise to be white would only add effect upon effect.
         partial = _replicating(search, root, seen, kept, out_before)
-    best = partial.node if partial is not None else refined(search, look_back(search, grow(search, root, first)))
+    best = partial.fitted if partial is not None else refined(search, backward_elimination(search, forward_selection(search, root, first)))
     stage("search")
     masks, claims = spike_claims(search, best)
     if any(not np.array_equal(a, b) for a, b in zip(masks, search.masks, strict=True)):
@@ -88,12 +88,12 @@ def diagnose(
         root = search.fit((), root) or root
         seen, kept, out_before = _apart(root, validation, input_claims, outputs)
         if partial is not None:
-            partial = replace(partial, node=best, out=held_out(best, seen, kept))
+            partial = replace(partial, fitted=best, out=held_out(best, seen, kept))
     stage("spikes")
     progress("judging on data that were not fitted", 0.9)
     best, out_after = best_by_held_out(search, best, seen, kept)
     if validation:
-        search.evidence = with_held_out_change(search.evidence, search.nodes, out_before, seen, kept)
+        search.evidence = with_held_out_change(search.evidence, search.fitted_models, out_before, seen, kept)
     tests_before = tuple(whiteness(root.fit, "fitted"))
     tests_after = tuple(whiteness(best.fit, "fitted"))
     if out_after.informed is not None:
@@ -101,7 +101,7 @@ def diagnose(
     guarded = guards_among(best.names)
     effects = [*input_claims, *claims, *_claims(search, best, guarded)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
-    between = between_before = Between()
+    record_scatter = scatter_before = RecordScatter()
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
         if _no_better(out_before, out_after):
@@ -115,15 +115,15 @@ def diagnose(
             verdict, best, out_after, effects, tests_after, warnings = again
         if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
             # Where what remains is not noise, records differ by more than any one of them can tell.
-            between = between_records(search, best, seen, kept)
-            between_before = between if best is root else between_records(search, root, seen, kept)
+            record_scatter = scatter_between_records(search, best, seen, kept)
+            scatter_before = record_scatter if best is root else scatter_between_records(search, root, seen, kept)
     stage("held out")
-    tests, outs, between_both = (tests_before, tests_after), (out_before, out_after), (between_before, between)
-    return reported(search, root, best, verdict, effects, warnings, tests, outs, validation, outputs, seconds, between_both)
+    tests, outs, scatter_both = (tests_before, tests_after), (out_before, out_after), (scatter_before, record_scatter)
+    return reported(search, root, best, verdict, effects, warnings, tests, outs, validation, outputs, seconds, scatter_both)
 
 
 def _apart(
-    root: Node, validation: Sequence[Record], input_claims: Sequence[Claim], outputs: Sequence[str]
+    root: FittedModel, validation: Sequence[Record], input_claims: Sequence[Claim], outputs: Sequence[str]
 ) -> tuple[list[Record], list[np.ndarray] | None, HeldOut]:
     """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
     if not validation:
@@ -133,9 +133,9 @@ def _apart(
     return seen, kept, held_out(root, validation, kept, informed=False)
 
 
-def _replicating(search: Search, root: Node, seen: Sequence[Record], kept: Sequence[np.ndarray] | None, before: HeldOut) -> Partial | None:
+def _replicating(search: Search, root: FittedModel, seen: Sequence[Record], kept: Sequence[np.ndarray] | None, before: HeldOut) -> Partial | None:
     """Effects that stand by themselves; what replicates on the whole and yet predicts the data held out no better is left unsaid."""
-    partial = stand_by_themselves(search, root, seen, kept)
+    partial = cross_validated(search, root, seen, kept)
     if partial is None:
         return None
     search.evidence += partial.evidence
@@ -144,23 +144,23 @@ def _replicating(search: Search, root: Node, seen: Sequence[Record], kept: Seque
 
 def _judged_again(
     search: Search,
-    root: Node,
+    root: FittedModel,
     partial: Partial,
     spikes: Sequence[Claim],
     validation: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     before: HeldOut,
-) -> tuple[Verdict, Node, HeldOut, list[Claim], tuple[ResidualTest, ...], list[str]]:
+) -> tuple[Verdict, FittedModel, HeldOut, list[Claim], tuple[ResidualTest, ...], list[str]]:
     """The verdict on effects that stand by themselves: with a further one, they may leave noise after all."""
-    if not hopeless(search, partial.node):
-        best, out = best_by_held_out(search, extended(search, root, partial.node), validation, masks)
+    if not hopeless(search, partial.fitted):
+        best, out = best_by_held_out(search, extended(search, root, partial.fitted), validation, masks)
         tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
         claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
         verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
         if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
             return verdict, best, out, claims, tests, warnings
-    tests = tuple(whiteness(partial.node.fit, "fitted"))
-    return Verdict.PARTIAL, partial.node, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
+    tests = tuple(whiteness(partial.fitted.fit, "fitted"))
+    return Verdict.PARTIAL, partial.fitted, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
 
 
 def _no_better(before: HeldOut, after: HeldOut) -> bool:
@@ -168,7 +168,7 @@ def _no_better(before: HeldOut, after: HeldOut) -> bool:
     return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
 
 
-def _claims(search: Search, best: Node, guarded: Sequence[str]) -> list[Claim]:
+def _claims(search: Search, best: FittedModel, guarded: Sequence[str]) -> list[Claim]:
     others = alternatives_of(search, best)
     return [
         Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)

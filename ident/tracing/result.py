@@ -11,11 +11,11 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.modal import modal_estimate
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
-from ident.process_noise.innovations_model import is_forced
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
-from ident.tracing.replication.between_records import Between
+from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.search import Search
 from ident.tracing.spikes.detection import final_spikes
@@ -29,12 +29,12 @@ from sim.record import Record
 _NONE: Mapping[str, float] = MappingProxyType({})
 
 
-def _grown(claim: Claim, growth: Mapping[str, float]) -> Claim:
+def _inflated(claim: Claim, inflation: Mapping[str, float]) -> Claim:
     """Derivatives under each member of a group with the sigmas that they have elsewhere."""
-    if claim.evidence is None or not growth:
+    if claim.evidence is None or not inflation:
         return claim
     members = {
-        member: {name: replace(q, std=q.std * growth.get(name, 1.0)) for name, q in found.items()}
+        member: {name: replace(q, std=q.std * inflation.get(name, 1.0)) for name, q in found.items()}
         for member, found in claim.evidence.derivatives.items()
     }
     return replace(claim, evidence=replace(claim.evidence, derivatives=members))
@@ -42,8 +42,8 @@ def _grown(claim: Claim, growth: Mapping[str, float]) -> Claim:
 
 def reported(
     search: Search,
-    root: Node,
-    best: Node,
+    root: FittedModel,
+    best: FittedModel,
     verdict: Verdict,
     effects: Sequence[Claim],
     warnings: Sequence[str],
@@ -52,10 +52,10 @@ def reported(
     validation: Sequence[Record],
     outputs: Sequence[str],
     seconds: Mapping[str, float],
-    between: tuple[Between, Between],
+    record_scatter: tuple[RecordScatter, RecordScatter],
 ) -> Diagnosis:
     before, after = out
-    grown_before, grown = between[0].growth, between[1].growth
+    inflated_before, inflated = record_scatter[0].inflation, record_scatter[1].inflation
     shown = validation or search.records
     fits = (before.frozen, after.frozen) if validation else (root.fit, best.fit)
     channels = [name for name in outputs if any(name in record.output_names for record in shown)]
@@ -71,11 +71,11 @@ def reported(
     masks = [mask[[outputs.index(name) for name in channels]] for mask in everywhere]
     return Diagnosis(
         verdict,
-        tuple(_grown(claim, grown) for claim in effects),
-        _derivatives(search, root, grown_before),
-        _derivatives(search, best, grown, form_spread(search, best)),
-        _derived(root, grown_before),
-        _derived(best, grown),
+        tuple(_inflated(claim, inflated) for claim in effects),
+        _derivatives(search, root, inflated_before),
+        _derivatives(search, best, inflated, form_spread(search, best)),
+        _derived(root, inflated_before),
+        _derived(best, inflated),
         error_figures([p.before for p in predictions], shown, masks, channels),
         error_figures([p.after for p in predictions], shown, masks, channels),
         {name: std for name, std in noise_levels(best.fit).items() if name in channels},
@@ -91,8 +91,8 @@ def reported(
             for r, record in enumerate(search.records)
         ),
         dict(seconds),
-        between[1].scatter,
-        grown,
+        record_scatter[1].scatter,
+        inflated,
     )
 
 
@@ -106,16 +106,18 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
 
 
-def _derivatives(search: Search, node: Node, growth: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
+def _derivatives(
+    search: Search, fitted: FittedModel, inflation: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE
+) -> dict[str, Quantity]:
     """Shared parameters of the declared model, with sigmas corrected for colour, grown by what records differ by, and by ``form``.
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """
-    estimate = _estimate(node)
+    estimate = _estimate(fitted)
     declared = set(search.model.parameters.names)
 
     def sigma(name: str, std: float) -> float:
-        return max(growth.get(name, 1.0) * float(np.hypot(std, form.get(name, 0.0))), 1e-300)
+        return max(inflation.get(name, 1.0) * float(np.hypot(std, form.get(name, 0.0))), 1e-300)
 
     return {
         name: Quantity(float(value), sigma(name, float(std)), unit)
@@ -124,26 +126,26 @@ def _derivatives(search: Search, node: Node, growth: Mapping[str, float] = _NONE
     }
 
 
-def _derived(node: Node, growth: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
+def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
     """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they are reported."""
-    if not node.system.inputs:
+    if not fitted.system.inputs:
         return {}
-    plain = _estimate(node)
-    grown = np.array([growth.get(name, 1.0) for name in plain.names])
-    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, replace(plain, covariance=plain.covariance * np.outer(grown, grown))
-    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(node.system, estimate).items()}
+    plain = _estimate(fitted)
+    inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
+    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
+    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(fitted.system, estimate).items()}
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
     return out
 
 
-def _estimate(node: Node) -> Estimate:
-    return filter_error_estimate(node.fit) if is_forced(node.system) else estimate_of(node.fit)
+def _estimate(fitted: FittedModel) -> Estimate:
+    return filter_error_estimate(fitted.fit) if has_process_noise(fitted.system) else estimate_of(fitted.fit)
 
 
-def _in_units(node: Node, r: int) -> np.ndarray:
+def _in_units(fitted: FittedModel, r: int) -> np.ndarray:
     """Residuals in the outputs' units; innovations, which have variance one, times the noise of their output."""
-    if not is_forced(node.system):
-        return node.fit.residuals[r]
-    levels = noise_levels(node.fit)
-    return node.fit.residuals[r] * np.array([levels[name] for name in node.system.output_names])[:, None]
+    if not has_process_noise(fitted.system):
+        return fitted.fit.residuals[r]
+    levels = noise_levels(fitted.fit)
+    return fitted.fit.residuals[r] * np.array([levels[name] for name in fitted.system.output_names])[:, None]

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
-from ident.process_noise.innovations_model import is_forced
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, free_names, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, guards_among
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Claim, Step, Verdict
 from ident.tracing.screening.score_test import same_sensor_twins
 from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
-from ident.tracing.selection.near_aliases import stand_ins
+from ident.tracing.selection.near_aliases import near_aliases
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOut, doubted, held_out
@@ -28,7 +28,9 @@ AMBIGUOUS = 3.0  # difference of twice the log likelihood, training and held out
 ALTERNATIVE = 10.0  # the same, below which the other is named beside
 
 
-def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> tuple[Node, HeldOut]:
+def best_by_held_out(
+    search: Search, best: FittedModel, validation: Sequence[Record], masks: Sequence[np.ndarray] | None
+) -> tuple[FittedModel, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
     best = _without_guard(search, best)
     hopeless = not is_white(best, search.settings.white) or bool(guards_among(best.names))
@@ -40,37 +42,37 @@ def best_by_held_out(search: Search, best: Node, validation: Sequence[Record], m
     # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
     total = {frozenset(best.names): best.criterion + _held_out_cost(out)}
     misfit = {frozenset(best.names): 2.0 * best.fit.cost + _held_out_cost(out)}
-    nodes, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
-    alike = stand_ins(search, best, search.settings.near)
+    fitted_models, outs = {frozenset(best.names): best}, {frozenset(best.names): out}
+    alike = near_aliases(search, best, search.settings.near)
     rivals = [*_near(search, best, search.settings.near, 3), *alike]
     if doubted(out):
         rivals = [*_near(search, best, search.settings.wide, 6), *alike]
-    for node in rivals:
-        other = refined(search, node)
+    for fitted in rivals:
+        other = refined(search, fitted)
         fits = held_out(other, validation, masks) if validation else HeldOut(None, None)
         key = frozenset(other.names)
-        nodes[key], outs[key], total[key] = other, fits, other.criterion + _held_out_cost(fits)
+        fitted_models[key], outs[key], total[key] = other, fits, other.criterion + _held_out_cost(fits)
         misfit[key] = 2.0 * other.fit.cost + _held_out_cost(fits)
     chosen = min(total, key=lambda key: total[key])
     search.totals, search.misfits = total, misfit
-    return nodes[chosen], outs[chosen]
+    return fitted_models[chosen], outs[chosen]
 
 
-def _without_guard(search: Search, best: Node) -> Node:
+def _without_guard(search: Search, best: FittedModel) -> FittedModel:
     """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
     if not guards_among(best.names):
         return best
     rivals = [
-        node
-        for key, node in search.nodes.items()
-        if len(node.effects) == len(best.effects) and not guards_among(key) and search.scores[key] - search.score(best) < TIE
+        fitted
+        for key, fitted in search.fitted_models.items()
+        if len(fitted.effects) == len(best.effects) and not guards_among(key) and search.scores[key] - search.score(best) < TIE
     ]
     return refined(search, min(rivals, key=search.score)) if rivals else best
 
 
 def _in_freer_form(
-    search: Search, best: Node, out: HeldOut, validation: Sequence[Record], masks: Sequence[np.ndarray] | None
-) -> tuple[Node, HeldOut]:
+    search: Search, best: FittedModel, out: HeldOut, validation: Sequence[Record], masks: Sequence[np.ndarray] | None
+) -> tuple[FittedModel, HeldOut]:
     """The same causes in their freer forms, where held-out data ask for it: other levels of input show more of a curve."""
     if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
         return best, out
@@ -82,12 +84,12 @@ def _in_freer_form(
     if other.informed is None or out.informed is None or other.informed.cost >= out.informed.cost or doubted(other):
         return best, out
     search.keep(finer, search.score(best))
-    search.nodes[frozenset(best.names)] = finer
+    search.fitted_models[frozenset(best.names)] = finer
     search.steps.append(Step(finer.names, search.score(finer), finer.fit.log_likelihood, "freer forms, for what the held-out data show of them"))
     return finer, other
 
 
-def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:
+def alternatives_of(search: Search, best: FittedModel) -> dict[str, tuple[str, ...]]:
     """For each effect of a set the names that could stand in its place, two at most, the nearest first.
 
     They explain the data as well, however many parameters they need for it: that they are dearer is a reason to name the other,
@@ -107,8 +109,8 @@ def alternatives_of(search: Search, best: Node) -> dict[str, tuple[str, ...]]:
 
 def judge(
     search: Search,
-    root: Node,
-    best: Node,
+    root: FittedModel,
+    best: FittedModel,
     effects: Sequence[Claim],
     tests: Sequence[ResidualTest],
     before: HeldOut,
@@ -138,8 +140,8 @@ def judge(
     return Verdict.TRACED, warnings
 
 
-def _beyond_belief(node: Node, effect: Effect) -> list[str]:
-    return implausible(effect, quantities(node, effect))
+def _beyond_belief(fitted: FittedModel, effect: Effect) -> list[str]:
+    return implausible(effect, quantities(fitted, effect))
 
 
 def not_noise(tests: Sequence[ResidualTest], least: float) -> list[str]:
@@ -147,23 +149,23 @@ def not_noise(tests: Sequence[ResidualTest], least: float) -> list[str]:
     return [f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})" for test in tests if test.p_value < least]
 
 
-def _near(search: Search, best: Node, within: float, most: int) -> list[Node]:
+def _near(search: Search, best: FittedModel, within: float, most: int) -> list[FittedModel]:
     others = [
-        node
-        for key, node in search.nodes.items()
+        fitted
+        for key, fitted in search.fitted_models.items()
         if key != frozenset(best.names)
-        and len(node.effects) == len(best.effects)
-        and node.criterion - best.criterion < within
+        and len(fitted.effects) == len(best.effects)
+        and fitted.criterion - best.criterion < within
         and not guards_among(key)
     ]
-    return sorted(others, key=lambda node: node.criterion)[:most]
+    return sorted(others, key=lambda fitted: fitted.criterion)[:most]
 
 
 def _held_out_cost(out: HeldOut) -> float:
     return 2.0 * out.informed.cost if out.informed is not None else 0.0
 
 
-def _ambiguous(search: Search, best: Node) -> bool:
+def _ambiguous(search: Search, best: FittedModel) -> bool:
     mine = frozenset(best.names)
     reference = search.totals.get(mine, 0.0)
     return any(
@@ -182,15 +184,15 @@ def _one_sensor(gone: frozenset[str], come: frozenset[str]) -> bool:
     return any(set(same_sensor_twins(name)) & come for name in gone)
 
 
-def _improved(search: Search, root: Node, best: Node, before: HeldOut, after: HeldOut) -> bool:
+def _improved(search: Search, root: FittedModel, best: FittedModel, before: HeldOut, after: HeldOut) -> bool:
     """Whether held-out data speak for the effects; True where there are none, not where they cannot be simulated.
 
     For deterministic effects the error of a free simulation, over all channels, which must not get worse by more than its
-    scatter. With random motion a free simulation cannot improve: then one-step predictions, by their likelihood.
+    scatter. With process noise a free simulation cannot improve: then one-step predictions, by their likelihood.
     """
     if before.frozen is None or after.frozen is None:
         return not search.beside and before.frozen is None and after.frozen is None
-    if not is_forced(best.system):
+    if not has_process_noise(best.system):
         gain = before.frozen.cost - after.frozen.cost
         return gain > -float(np.sqrt(2.0 * len(after.frozen.theta)))
     records = [problem.record for problem in before.frozen.layout.problems]

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit.
 
-The cost is minus the log likelihood that the layout's weighing gives (each output's noise variance concentrated out,
+The cost is minus the log likelihood that the layout's noise_model gives (each output's noise variance concentrated out,
 0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is accepted on the defect-corrected
 residual, see `ident.whole_record.linearise`.
 """
@@ -63,7 +63,7 @@ class Fit:
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
         """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent samples of variance one."""
-        return self.layout.weighing.whiten(self.layout, self.weighed, r, columns)
+        return self.layout.noise_model.whiten(self.layout, self.weighed, r, columns)
 
     @property
     def log_likelihood(self) -> float:
@@ -82,7 +82,7 @@ class Fit:
         if prior is not None:
             normal[np.ix_(prior.positions, prior.positions)] += prior.information
             gradient[prior.positions] += prior.information @ (prior.mean - self.theta[prior.positions])
-        further = self.layout.weighing.further(self.layout, self.theta, self.lines, self.weighed)
+        further = self.layout.noise_model.further(self.layout, self.theta, self.lines, self.weighed)
         if further is not None:
             gradient += further[0]
             normal += further[1]
@@ -112,7 +112,7 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
     normal, gradient = fit.normal_equations()
-    curved = bool(layout.weighing.names)
+    curved = bool(layout.noise_model.names)
     floor = _LEAST_DAMPING if curved else 1e-12
     moves: list[tuple[np.ndarray, np.ndarray]] = []
     while done < settings.iterations:
@@ -121,7 +121,7 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
         pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
         moving = (np.diag(normal) > 0) & ~pressed
         scaled, slope = normal * np.outer(scale, scale), scale * gradient
-        low, high = layout.weighing.reach(layout, fit.theta)
+        low, high = layout.noise_model.reach(layout, fit.theta)
         trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), low, high)
         trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
@@ -155,7 +155,7 @@ def evaluate(layout: FitLayout, theta: np.ndarray, guesses: list[np.ndarray]) ->
             lines.append(line)
             residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
         counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
-        weighed = layout.weighing.weigh(layout, theta, lines, residuals, counts)
+        weighed = layout.noise_model.weigh(layout, theta, lines, residuals, counts)
     if weighed is None:
         return None
     cost = weighed.cost

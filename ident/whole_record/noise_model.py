@@ -1,6 +1,6 @@
 """How a whole-record fit weighs its residuals: white noise whose variances are concentrated out, by default.
 
-A Weighing turns residuals and sensitivities into those of independent samples; it may have unknowns of its own, which stand
+A NoiseModel turns residuals and sensitivities into those of independent samples; it may have unknowns of its own, which stand
 behind all others in theta. See `ident.process_noise.innovations_model` for the other one.
 """
 
@@ -37,7 +37,7 @@ class Weighed:
     filters: tuple[Filter, ...] = ()
 
 
-class Weighing(Protocol):
+class NoiseModel(Protocol):
     """The model of what is random in the data.
 
     ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weigh`` returns None where its likelihood is not finite.

@@ -65,14 +65,14 @@ def read_record(
         else find_column(name, table.header, table.file, channel_map, sidecar.units)
         for name in wanted
     }
-    stand_ins = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
-    columns |= {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in stand_ins}
-    wanted += stand_ins
+    near_aliases = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
+    columns |= {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in near_aliases}
+    wanted += near_aliases
     for name in (TIME, *model_inputs):
         if columns[name] is None:
             raise missing_column(name, table.header, table.file)
     outputs = [name for name in wanted[1 + len(model_inputs) :] if columns[name] is not None]
-    needed = [name for name in outputs if name in (*model_outputs, *stand_ins)] if model_outputs else outputs
+    needed = [name for name in outputs if name in (*model_outputs, *near_aliases)] if model_outputs else outputs
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
     time, rows = _time(table, _there(columns[TIME]), start, stop)

@@ -20,7 +20,7 @@ from scenarios.studies.rows import Row
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
 from scenarios.watching.session import Session, derived_so_far, likely_estimate
-from scenarios.watching.table import Standing
+from scenarios.watching.table import CrossValidation
 from sim.errors import DeclarationError
 from sim.record import Record
 
@@ -37,7 +37,7 @@ class Outcome:
     online: Estimate
     weights: np.ndarray
     derived: Mapping[str, tuple[float, float]]
-    standings: tuple[Standing, ...]
+    standings: tuple[CrossValidation, ...]
     left_out: int
     mended: int
     spikes: int
@@ -109,7 +109,7 @@ def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float],
     return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
 
 
-def _reference_content(reference: Reference, items: Sequence[Standing]) -> dict[str, Any]:
+def _reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
         "study": Path(reference.name).resolve().name,

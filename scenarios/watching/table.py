@@ -21,7 +21,7 @@ _WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ra
 
 
 @dataclass(frozen=True)
-class Standing:
+class CrossValidation:
     """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``."""
 
     name: str
@@ -53,20 +53,20 @@ class View:
     rows: int
     left_out: int
     spikes: int
-    standings: tuple[Standing, ...]
+    standings: tuple[CrossValidation, ...]
     delays: np.ndarray
     weights: np.ndarray
     silent: float = 0.0
     sound: bool = True
 
 
-def standings(estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None) -> tuple[Standing, ...]:
+def standings(estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None) -> tuple[CrossValidation, ...]:
     """Derived quantities, then parameters, each against the reference where there is one."""
     known = {} if reference is None else reference.values
-    out = [Standing(name, DERIVED_UNITS[name], value, std, known.get(name)) for name, (value, std) in derived.items()]
+    out = [CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name)) for name, (value, std) in derived.items()]
     for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
         if name not in derived:
-            out.append(Standing(name, unit, value, std, known.get(name)))
+            out.append(CrossValidation(name, unit, value, std, known.get(name)))
     return tuple(out)
 
 
@@ -101,7 +101,7 @@ def line(view: View) -> str:
     return f"{_heading(view)}: " + ", ".join(shown) + (f"; outside the reference: {', '.join(outside)}" if outside else "")
 
 
-def outside_of(items: Sequence[Standing]) -> list[str]:
+def outside_of(items: Sequence[CrossValidation]) -> list[str]:
     """Names of what lies outside the reference's bounds."""
     return [item.name for item in items if item.beyond]
 

@@ -14,7 +14,7 @@ _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Occasion:
+class SearchContext:
     """What a record offers before any effect is tried.
 
     Attributes
@@ -88,14 +88,14 @@ class Traceable(Effect, Protocol):
     def per_record(self) -> bool: ...
     @property
     def plausible(self) -> Mapping[str, tuple[float, float]]: ...
-    def probes(self, occasion: Occasion) -> Sequence[Probe]: ...
+    def probes(self, context: SearchContext) -> Sequence[Probe]: ...
 
 
 @runtime_checkable
 class Fitted(Protocol):
     """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the form for that record, under the same name."""
 
-    def fitted_to(self, occasion: Occasion) -> Effect: ...
+    def fitted_to(self, context: SearchContext) -> Effect: ...
 
 
 @runtime_checkable
@@ -105,20 +105,20 @@ class Refinable(Protocol):
     def finer(self) -> Effect: ...
 
 
-def fitted_to(effect: Effect, occasion: Occasion) -> Effect:
+def fitted_to(effect: Effect, context: SearchContext) -> Effect:
     """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
-    return effect.fitted_to(occasion) if isinstance(effect, Fitted) else effect
+    return effect.fitted_to(context) if isinstance(effect, Fitted) else effect
 
 
-def late_times(occasion: Occasion) -> tuple[float, ...]:
+def late_times(context: SearchContext) -> tuple[float, ...]:
     """Delays and time constants to try, s, a factor of two apart, from a share of the sampling interval upward.
 
     None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and slopes are one-sided.
     """
-    return tuple(time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * occasion.interval) or (occasion.interval / 3.0,)
+    return tuple(time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval) or (context.interval / 3.0,)
 
 
-def shares_of_peak(occasion: Occasion, signal: str, shares: Sequence[float]) -> tuple[float, ...]:
+def shares_of_peak(context: SearchContext, signal: str, shares: Sequence[float]) -> tuple[float, ...]:
     """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
-    flown = occasion.flown_range(signal)
+    flown = context.flown_range(signal)
     return tuple(share * max(abs(value) for value in flown) for share in shares) if flown else ()

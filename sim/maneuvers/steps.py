@@ -81,7 +81,7 @@ class MultiStep:
     def mean(self, begin: Any, end: Any) -> np.ndarray:
         begin, end = np.broadcast_arrays(np.asarray(begin, dtype=float), np.asarray(end, dtype=float))
         first, last = (np.searchsorted(self._switches, begin, side="right"), np.searchsorted(self._switches, end, side="left"))
-        # Only intervals with a switch inside need weighing; elsewhere the level itself is exact.
+        # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
         out = self._padded[first]
         mixed = last > first
         if np.any(mixed):

@@ -23,7 +23,7 @@ from sim.propagation.grid import Drive, Grid, cell_edges, drive_from_cells, driv
 from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
 from sim.record import Channel, Record
 from sim.truth.measurement import Measurement, measure
-from sim.truth.random_forcing import outputs_with_walks, propagate_forced
+from sim.truth.random_forcing import outputs_with_walks, propagate_with_process_noise
 
 
 class Distance(Enum):
@@ -119,7 +119,7 @@ def fly(
     densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
     walking = _walking(model, system)
     if densities or walking:
-        states, walks = propagate_forced(system, p, drive, grid, method, densities, walking, rng)
+        states, walks = propagate_with_process_noise(system, p, drive, grid, method, densities, walking, rng)
     else:
         states, walks = propagate(system, p, system.initial.values().tolist(), drive, grid, method), {}
     refuse_divergence(model, grid, states)

@@ -11,7 +11,7 @@ from sim.propagation.grid import Drive, Grid
 from sim.propagation.integrate import Step
 
 
-def propagate_forced(
+def propagate_with_process_noise(
     system: System,
     p: Sequence[float],
     drive: Drive,

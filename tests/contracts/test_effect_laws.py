@@ -26,7 +26,7 @@ from sim.declaration.effect import (
     full_name,
 )
 from sim.declaration.model import Model
-from sim.declaration.proposal import Occasion, Traceable
+from sim.declaration.proposal import SearchContext, Traceable
 from sim.declaration.system import System
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
@@ -35,7 +35,7 @@ from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import outputs_at_samples, rk4_step
 from sim.record import Hold
-from sim.truth.random_forcing import propagate_forced
+from sim.truth.random_forcing import propagate_with_process_noise
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
@@ -78,7 +78,7 @@ def fly_roughly(model: Model, flight: Flight) -> list[np.ndarray]:
     p = system.parameters.values().tolist()
     drive = drive_from_record(system, p, flight.u, flight.time, flight.hold, grid)
     densities = {name: value for name, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
-    states, _ = propagate_forced(system, p, drive, grid, rk4_step, densities, {}, np.random.default_rng(1))
+    states, _ = propagate_with_process_noise(system, p, drive, grid, rk4_step, densities, {}, np.random.default_rng(1))
     return outputs_at_samples(system, p, states, drive, grid)
 
 
@@ -242,12 +242,12 @@ def test_probes_are_complete_and_within_bounds(effect: Effect, base: str) -> Non
     peak = {signal.name: float(np.max(np.abs(row))) for signal, row in zip(model.equations.inputs, flight.u, strict=True)}
     rate = {signal: 50.0 * value for signal, value in peak.items()}
     states = {"alpha": 0.2, "q": 0.3, "nz": 2.0}
-    occasion = Occasion(3.0, 9.0, 0.02, input_peak=peak, input_rate=rate, state_peak=states, residual_peaks=(9.0, 14.0), airspeed=150.0)
+    context = SearchContext(3.0, 9.0, 0.02, input_peak=peak, input_rate=rate, state_peak=states, residual_peaks=(9.0, 14.0), airspeed=150.0)
     items = {item.name: item for item in effect.parameters}
     assert effect.onset in ("", *items) and set(effect.plausible) <= set(items)
     for name, (low, high) in effect.plausible.items():
         assert items[name].bounds[0] <= low <= items[name].value <= high <= items[name].bounds[1]
-    for probe in effect.probes(occasion):
+    for probe in effect.probes(context):
         assert set(probe.values) == set(items) and set(probe.slopes) <= {item.name for item in effect.parameters if item.free}
         for name, value in probe.values.items():
             assert items[name].bounds[0] <= value <= items[name].bounds[1]

@@ -9,7 +9,7 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, NoiseEffect, Regularity, full_name
-from sim.declaration.proposal import Fitted, Occasion, Refinable, Traceable, fitted_to
+from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
 from sim.effects.library import effects_for, guards_for, library
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.loes import Loes
@@ -18,7 +18,7 @@ from tests.bases import base_for, fly
 
 VEHICLES = (ShortPeriod(), Loes(), Ballistic())
 OCCASIONS = {
-    "usual": Occasion(
+    "usual": SearchContext(
         0.0,
         20.0,
         0.02,
@@ -29,12 +29,12 @@ OCCASIONS = {
         residual_peaks=(14.0, 3.1),
         airspeed=150.0,
     ),
-    "slow and late": Occasion(100.0, 106.0, 0.1, input_peak={"elevator": 0.01, "stick": 0.1}, airspeed=80.0),
-    "nothing known": Occasion(0.0, 5.0, 0.01),
+    "slow and late": SearchContext(100.0, 106.0, 0.1, input_peak={"elevator": 0.01, "stick": 0.1}, airspeed=80.0),
+    "nothing known": SearchContext(0.0, 5.0, 0.01),
 }
 # A tracked fall alone cannot show these: they equal another start or another ballistic coefficient.
 INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude", "sensor-scale:altitude"}
-every_occasion = pytest.mark.parametrize("occasion", OCCASIONS.values(), ids=OCCASIONS)
+every_context = pytest.mark.parametrize("context", OCCASIONS.values(), ids=OCCASIONS)
 CASES = [
     pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}")
     for vehicle in VEHICLES
@@ -44,9 +44,9 @@ CASES = [
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)
 
 
-def forms(effect: Effect, occasion: Occasion) -> list[Effect]:
-    """The form for an occasion, and the finer one where there is one."""
-    form = fitted_to(effect, occasion)
+def forms(effect: Effect, context: SearchContext) -> list[Effect]:
+    """The form for a search context, and the finer one where there is one."""
+    form = fitted_to(effect, context)
     return [form, form.finer()] if isinstance(form, Refinable) else [form]
 
 
@@ -55,9 +55,9 @@ def test_all_effects_but_the_modes_that_a_vehicle_declares_can_be_proposed() -> 
 
 
 @every_case
-@every_occasion
-def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, occasion: Occasion) -> None:
-    for form in forms(effect, occasion):
+@every_context
+def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, context: SearchContext) -> None:
+    for form in forms(effect, context):
         assert isinstance(form, Traceable)
         assert form.name == effect.name and isinstance(form, Fitted) == isinstance(effect, Fitted)
         items = {item.name: item for item in form.parameters}
@@ -67,8 +67,8 @@ def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, oc
         assert not form.onset or form.onset in items
         if form.regularity in (Regularity.CHANGE_POINT, Regularity.OUTLIER):
             assert form.per_record
-        probes = form.probes(occasion)
-        if occasion is OCCASIONS["usual"] and form.regularity is not Regularity.OUTLIER:
+        probes = form.probes(context)
+        if context is OCCASIONS["usual"] and form.regularity is not Regularity.OUTLIER:
             assert bool(probes) == (form.name not in INVISIBLE)
         for probe in probes:
             assert set(probe.values) == set(items) and set(probe.slopes) <= {name for name, item in items.items() if item.free}
@@ -78,7 +78,7 @@ def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, oc
             assert differs or probe.slopes, "a whole change from absence to absence is none"
             assert not probe.shifts or form.onset
             if form.onset:
-                assert occasion.begin <= probe.values[form.onset] < occasion.end
+                assert context.begin <= probe.values[form.onset] < context.end
 
 
 @every_case
@@ -90,8 +90,8 @@ def test_each_signature_is_there(effect: Effect, base: str) -> None:
     peaks = {signal.name: float(np.max(np.abs(row))) for signal, row in zip(model.equations.inputs, flight.u, strict=True)}
     rates = {name: 2.0 * peak / 0.02 for name, peak in peaks.items()}
     flown = {"alpha": (-0.1, 0.15), "velocity": (-1900.0, -900.0)} if base != "loes" else {"alpha": (-0.03, 0.03)}
-    occasion = Occasion(0.0, span, span / (flight.time.size - 1), input_peak=peaks, input_rate=rates, flown=flown, airspeed=200.0)
-    form = fitted_to(effect, occasion)
+    context = SearchContext(0.0, span, span / (flight.time.size - 1), input_peak=peaks, input_rate=rates, flown=flown, airspeed=200.0)
+    form = fitted_to(effect, context)
     assert isinstance(form, Traceable)
     system = compile_model(model.with_effects(form))
     start = system.parameters.values()
@@ -101,7 +101,7 @@ def test_each_signature_is_there(effect: Effect, base: str) -> None:
         gone[names[name]] = value
     base_outputs = fly(system, flight, gone.tolist())
     largest: dict[str, float] = {}
-    probes = form.probes(occasion)
+    probes = form.probes(context)
     for probe in probes[:: max(1, len(probes) // 4)]:
         p = start.copy()
         for name, value in probe.values.items():
@@ -135,10 +135,10 @@ def test_the_finer_form_with_no_more_is_the_usual_one(effect: Effect, base: str)
 
 
 def test_an_occasion_falls_back_on_peaks_and_spreads_its_onsets() -> None:
-    occasion = OCCASIONS["usual"]
-    assert occasion.flown_range("alpha") == (-0.04, 0.1)
-    assert occasion.flown_range("q") == (-0.2, 0.2) and occasion.flown_range("elevator") == (-0.08, 0.08)
-    assert occasion.flown_range("theta") is None
-    onsets = replace(occasion, begin=3.0).onsets()
+    context = OCCASIONS["usual"]
+    assert context.flown_range("alpha") == (-0.04, 0.1)
+    assert context.flown_range("q") == (-0.2, 0.2) and context.flown_range("elevator") == (-0.08, 0.08)
+    assert context.flown_range("theta") is None
+    onsets = replace(context, begin=3.0).onsets()
     assert len(onsets) == 36 and onsets[0] > 3.0 and onsets[-1] < 20.0
     np.testing.assert_allclose(np.diff(onsets), 17.0 / 36)

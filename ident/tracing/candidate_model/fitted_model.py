@@ -1,4 +1,4 @@
-"""A node of the search: the declared model with a set of effects, fitted to all records."""
+"""A fitted model of the search: the declared model with a set of effects, fitted to all records."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.process_noise.filter_error import fit_with_process_noise, noise_levels
-from ident.process_noise.innovations_model import is_forced
+from ident.process_noise.innovations_model import has_process_noise
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from sim.declaration.compile import compile_model
@@ -35,7 +35,7 @@ class Values:
 
 
 @dataclass(frozen=True, eq=False)
-class Node:
+class FittedModel:
     """A fitted set of effects.
 
     ``declared`` is the model without them, ``model`` that with them. ``criterion`` is twice the cost plus what the added
@@ -106,7 +106,7 @@ def fit_set(
     added: Mapping[str, float] | None = None,
     levels: Mapping[str, float] | None = None,
     apart: Collection[str] = (),
-) -> Node | None:
+) -> FittedModel | None:
     """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
 
     ``levels`` of the noise, of a set with process noise, are a warm start for another such set. Of the parameters in ``apart`` each record
@@ -128,19 +128,19 @@ def fit_set(
     count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
     events = sum(1 for effect in effects if is_event(effect))
     criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
-    return Node(tuple(effects), model, full, system, fit, float(criterion), count)
+    return FittedModel(tuple(effects), model, full, system, fit, float(criterion), count)
 
 
 def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:
-    """A whole-record fit, with a filter where random motion forces a state."""
-    if is_forced(layout.system):
+    """A whole-record fit, with a filter where process noise forces a state."""
+    if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels)
     return fit_whole_records(layout, guesses)
 
 
-def levels_of(node: Node) -> Mapping[str, float] | None:
-    """Noise levels of a node with process noise; None where there is none."""
-    return noise_levels(node.fit) if node.fit.layout.weighing.names else None
+def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
+    """Noise levels of a fitted model with process noise; None where there is none."""
+    return noise_levels(fitted.fit) if fitted.fit.layout.noise_model.names else None
 
 
 def known_beforehand(model: Model, effects: Sequence[Effect], layout: FitLayout) -> Prior | None:
@@ -178,6 +178,6 @@ def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]
             start[position] = added.get(name, mine.get(name, start[position]))
         if guesses is not None and values is not None:
             states = values.states[r]
-            nodes = len(layout.problems[r].grid.nodes)
-            guesses.append(np.array([states[name] if name in states else np.zeros(nodes) for name in layout.system.state_names]))
+            fitted_models = len(layout.problems[r].grid.nodes)
+            guesses.append(np.array([states[name] if name in states else np.zeros(fitted_models) for name in layout.system.state_names]))
     return start, guesses

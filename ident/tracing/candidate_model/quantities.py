@@ -7,43 +7,43 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.statistics.information import inverse_information
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from sim.declaration.effect import Effect, full_name
 
 CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
 
 
-def quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
-    """An effect's free parameters in a node, by local name; of the record in which it stands out most where each has its own."""
-    return max(_quantities_by_record(node, effect), key=lambda found: _sigmas(effect, found))
+def quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
+    """An effect's free parameters in a fitted model, by local name; of the record in which it stands out most where each has its own."""
+    return max(_quantities_by_record(fitted, effect), key=lambda found: _sigmas(effect, found))
 
 
-def records_of(node: Node, effect: Effect) -> tuple[int, ...]:
+def records_of(fitted: FittedModel, effect: Effect) -> tuple[int, ...]:
     """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
-    each = _quantities_by_record(node, effect)
+    each = _quantities_by_record(fitted, effect)
     seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
     return seen if 0 < len(seen) < len(each) else ()
 
 
-def _quantities_by_record(node: Node, effect: Effect) -> list[dict[str, Quantity]]:
+def _quantities_by_record(fitted: FittedModel, effect: Effect) -> list[dict[str, Quantity]]:
     """The same for every record; alike where the parameters are shared."""
-    normal, _ = node.fit.normal_equations()
-    covariance, _ = inverse_information(normal, node.fit.theta)
-    return quantities_with(node, effect, covariance)
+    normal, _ = fitted.fit.normal_equations()
+    covariance, _ = inverse_information(normal, fitted.fit.theta)
+    return quantities_with(fitted, effect, covariance)
 
 
-def quantities_with(node: Node, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
-    """An effect's parameters in each record of a node, with sigmas from a covariance ``(n, n)`` of all unknowns."""
-    places = {name: i for i, name in enumerate(node.fit.layout.names)}
+def quantities_with(fitted: FittedModel, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
+    """An effect's parameters in each record of a fitted model, with sigmas from a covariance ``(n, n)`` of all unknowns."""
+    places = {name: i for i, name in enumerate(fitted.fit.layout.names)}
     out: list[dict[str, Quantity]] = []
-    for r in range(len(node.fit.layout.problems)):
+    for r in range(len(fitted.fit.layout.problems)):
         found = {}
         for item in effect.parameters:
             full = full_name(effect, item.name)
             at = places.get(full, places.get(f"{full}, record {r + 1}"))
             if at is not None:
-                found[item.name] = Quantity(float(node.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
+                found[item.name] = Quantity(float(fitted.fit.theta[at]), float(np.sqrt(max(covariance[at, at], 1e-300))), item.unit)
         out.append(found)
     return out
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.process_noise.innovations_model import is_forced
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.selection.search import Search
 from ident.whole_record.output_error import fit_covariance
@@ -28,7 +28,7 @@ TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
 
 
 @dataclass(frozen=True)
-class Between:
+class RecordScatter:
     """``scatter`` : standard deviation of a derivative between fits of single records, what a user would see who flew again.
 
     ``growth`` : by derivative, the factor (one at least) that differences between records put on its corrected sigma. Both empty where
@@ -36,32 +36,32 @@ class Between:
     """
 
     scatter: Mapping[str, float] = field(default_factory=dict)
-    growth: Mapping[str, float] = field(default_factory=dict)
+    inflation: Mapping[str, float] = field(default_factory=dict)
 
 
-def between_records(search: Search, node: Node, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> Between:
+def scatter_between_records(search: Search, fitted: FittedModel, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> RecordScatter:
     """Compare all records, fitted or held out: each has its derivatives for itself, the effects of the set are in common.
 
-    Nothing with one record, of which a held-out part is no second one, or with random motion.
+    Nothing with one record, of which a held-out part is no second one, or with process noise.
     """
     records, all_masks = (*search.records, *validation), (*search.masks, *(masks or ()))
-    if len({record.name for record in records}) < 2 or len(records) != len(all_masks) or is_forced(node.system):
-        return Between()
+    if len({record.name for record in records}) < 2 or len(records) != len(all_masks) or has_process_noise(fitted.system):
+        return RecordScatter()
     flight = Flight(records, all_masks, search.model, tuple(search.outputs), search.settings)
-    names = [name for name in node.values.shared if name in search.model.parameters]
-    apart = flight.fit(node.effects, range(len(records)), None, node.values.shared, names)
+    names = [name for name in fitted.values.shared if name in search.model.parameters]
+    apart = flight.fit(fitted.effects, range(len(records)), None, fitted.values.shared, names)
     if apart is None:
-        return Between()
+        return RecordScatter()
     layout, count = apart.fit.layout, len(records)
     at = [[layout.names.index(f"{name}, record {r + 1}") for r in range(count)] for name in names]
     variance = np.maximum(np.diag(fit_covariance(apart.fit)[0]), 1e-300)
     values, sigma = apart.fit.theta[np.array(at)], np.sqrt(variance[np.array(at)])
-    factors = growth(values, sigma)
+    factors = inflation(values, sigma)
     spread = {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if count >= FEWEST else {}
-    return Between(spread, dict(zip(names, factors.tolist(), strict=True)))
+    return RecordScatter(spread, dict(zip(names, factors.tolist(), strict=True)))
 
 
-def growth(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Factors ``(n,)`` on the sigmas of means of values ``(n, records)`` that claim to be known to ``sigma (n, records)``.
 
     The root of chi-squared over its degrees of freedom, of each row as far as it can tell and of the middle one of all for the rest;

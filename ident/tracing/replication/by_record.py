@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import Node, Values, fit_set
+from ident.tracing.candidate_model.fitted_model import FittedModel, Values, fit_set
 from ident.tracing.candidate_model.quantities import quantities_with
 from ident.tracing.diagnosis import Quantity, Witness, silent
 from ident.tracing.settings import TraceSettings
@@ -44,7 +44,7 @@ class Flight:
         start: Values | None,
         added: Mapping[str, float] | None = None,
         apart: Collection[str] = (),
-    ) -> Node | None:
+    ) -> FittedModel | None:
         """Fit a set to some of the records, from the values of a fit of all of them or, for what is ``added``, from there.
 
         Of the parameters in ``apart`` each record has its own.
@@ -63,7 +63,7 @@ class Replication:
     agrees: bool
 
 
-def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
+def replicate(flight: Flight, joint: FittedModel, effect: Effect) -> Replication:
     """Let each record have an effect's parameters for itself, the derivatives in common, and compare.
 
     A record by itself may not tell an effect from a derivative; all of them together do. A curve's shapes trade off against
@@ -71,37 +71,37 @@ def replicate(flight: Flight, joint: Node, effect: Effect) -> Replication:
     """
     everything, shared = range(len(flight.records)), joint.values.shared
     names = {full_name(effect, item.name) for item in effect.parameters if item.free}
-    node = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, names)
-    if node is None:
+    fitted = flight.fit(joint.effects, everything, joint.values, {name: shared[name] for name in names if name in shared}, names)
+    if fitted is None:
         return Replication((), False)
-    each = by_record(node, effect)
+    each = by_record(fitted, effect)
     agrees = len(names) > 2 or all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0])
     return Replication(each, agrees)
 
 
-def by_record(node: Node, effect: Effect) -> tuple[dict[str, Quantity], ...]:
+def by_record(fitted: FittedModel, effect: Effect) -> tuple[dict[str, Quantity], ...]:
     """An effect's parameters in each record of a fit, with sigmas corrected for coloured residuals; alike where they are shared."""
-    covariance, _ = fit_covariance(node.fit)
-    return tuple(quantities_with(node, effect, covariance))
+    covariance, _ = fit_covariance(fitted.fit)
+    return tuple(quantities_with(fitted, effect, covariance))
 
 
-def stands_off(node: Node, effect: Effect) -> float:
+def distance_from_absence(fitted: FittedModel, effect: Effect) -> float:
     """How far an effect's parameters, all together, stand off their absence, in corrected sigmas (the root of Wald's statistic, per parameter)."""
-    covariance, _ = fit_covariance(node.fit)
-    names = node.fit.layout.names
+    covariance, _ = fit_covariance(fitted.fit)
+    names = fitted.fit.layout.names
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
     at = [i for i, name in enumerate(names) if name in absent]
     if not at:
         return np.inf
-    away = node.fit.theta[at] - np.array([absent[names[i]] for i in at])
+    away = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at])
     scale = np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
     inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
     return float(np.sqrt(max(0.0, (away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0]) / len(at)))
 
 
-def own_quantities(node: Node, effect: Effect) -> dict[str, Quantity]:
+def own_quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
     """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
-    return by_record(node, effect)[0]
+    return by_record(fitted, effect)[0]
 
 
 def _alike(found: Sequence[Quantity], absent: float | None) -> bool:

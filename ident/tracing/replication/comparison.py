@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import Node, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
 from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
@@ -20,7 +20,7 @@ SMALL = 0.04  # of ln(error): no one would prefer one cause to another by less
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class CrossValidation:
     """One candidate added to a set, weighed on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for.
 
     ``predictions`` by record (from 0): the frozen fit of each that could be asked.
@@ -28,7 +28,7 @@ class Standing:
 
     effect: Effect
     finding: Finding
-    node: Node
+    fitted: FittedModel
     reduction: Reduction
     replication: Replication
     gain: float
@@ -38,14 +38,14 @@ class Standing:
 
 
 @dataclass(frozen=True, eq=False)
-class Stood:
+class CrossValidatedEffect:
     """An effect that stands, and those that would do as well in its place."""
 
-    best: Standing
-    others: tuple[Standing, ...]
+    best: CrossValidation
+    others: tuple[CrossValidation, ...]
 
 
-def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | None:
+def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> CrossValidatedEffect | None:
     """The best of those that stand, with those that would do as well; None where none stands or a guard forbids it."""
     standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
     if not standing:
@@ -56,15 +56,15 @@ def choose(results: Sequence[Standing], witness: Witness = silent) -> Stood | No
         return None
     equals = [item for item in standing if _as_good(item, lowest)]
     # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
-    said = {id(item): witness(item.effect.name, own_quantities(item.node, item.effect)) for item in equals} if len(equals) > 1 else {}
+    said = {id(item): witness(item.effect.name, own_quantities(item.fitted, item.effect)) for item in equals} if len(equals) > 1 else {}
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
     # One and the same signature does as well under another name, too, where only its values by record differ.
     alike = [item for item in results if not item.stands and item.replication.values and _same_trace(item, best) and _as_good(item, best)]
     others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
-    return Stood(best, tuple(others))
+    return CrossValidatedEffect(best, tuple(others))
 
 
-def _better_guard(guard: Standing, best: Standing) -> bool:
+def _better_guard(guard: CrossValidation, best: CrossValidation) -> bool:
     """Whether a guard does better than the best by more than scatter, or replicates and does as well with no more parameters.
 
     A guard that an effect contains is that effect in a narrower form, and speaks for it.
@@ -76,17 +76,17 @@ def _better_guard(guard: Standing, best: Standing) -> bool:
     return tie or behind < -SURE * scatter
 
 
-def _as_good(item: Standing, best: Standing) -> bool:
+def _as_good(item: CrossValidation, best: CrossValidation) -> bool:
     """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
     behind, scatter = _behind(item, best)
     return behind <= (3.0 if _same_trace(item, best) else SURE) * max(scatter, 0.5 * SMALL)
 
 
-def _same_trace(item: Standing, best: Standing) -> bool:
+def _same_trace(item: CrossValidation, best: CrossValidation) -> bool:
     return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > COLLINEAR
 
 
-def _behind(item: Standing, best: Standing) -> tuple[float, float]:
+def _behind(item: CrossValidation, best: CrossValidation) -> tuple[float, float]:
     """Mean of ln(rms of one / rms of another) over the channels of the records that both predict, and its scatter under resampling of blocks."""
     common = sorted(item.predictions.keys() & best.predictions.keys())
     if item is best or not common:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
-from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, guards_among, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, guards_among, is_event
 from ident.tracing.candidate_model.quantities import CLEARLY, implausible
-from ident.tracing.replication.by_record import Flight, Replication, own_quantities, replicate, stands_off
+from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, own_quantities, replicate
 from ident.tracing.replication.coloured_null import coloured_gain
-from ident.tracing.replication.comparison import SMALL, SURE, Standing, Stood, choose
+from ident.tracing.replication.comparison import SMALL, SURE, CrossValidatedEffect, CrossValidation, choose
 from ident.tracing.replication.error_reduction import Reduction, reduction
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
 from ident.tracing.screening.score_test import Finding, same_sensor_twins, screen
 from ident.tracing.selection.expansion import near_absence
@@ -38,24 +38,24 @@ FEW = 3  # records, of which the others are fitted anew when one is left out
 DEEPEST = 2
 
 
-def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -> tuple[list[Stood], list[Standing]]:
+def cross_validate(flight: Flight, candidates: Sequence[Effect], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
     """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was weighed.
 
     Parameters
     ----------
-    flight : at least two records. candidates : library and guards; events and random motion are left out, since they need not replicate.
+    flight : at least two records. candidates : library and guards; events and process noise are left out, since they need not replicate.
     root : the declared model fitted to the training records, for starting values.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
     that another stands in for, are looked for as a pair.
     """
-    found: list[Stood] = []
-    weighed: list[Standing] = []
+    found: list[CrossValidatedEffect] = []
+    weighed: list[CrossValidation] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
-    root_node = flight.fit((), range(len(flight.records)), None, root.values.shared)
+    root_model = flight.fit((), range(len(flight.records)), None, root.values.shared)
     steps: list[_Step] = []
-    while root_node is not None and len(found) < DEEPEST:
-        step = _weigh_all(flight, usable, found[-1].best.node if found else root_node)
+    while root_model is not None and len(found) < DEEPEST:
+        step = _weigh_all(flight, usable, found[-1].best.fitted if found else root_model)
         if step is None:
             break
         steps.append(step)
@@ -72,42 +72,44 @@ def standing_effects(flight: Flight, candidates: Sequence[Effect], root: Node) -
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """All that was weighed at a node, and what was chosen; ``before`` the node's own predictions by record."""
+    """All that was weighed at a fitted model, and what was chosen; ``before`` the fitted model's own predictions by record."""
 
-    node: Node
+    fitted: FittedModel
     before: Mapping[int, Fit]
     findings: Sequence[Finding]
-    results: Sequence[Standing]
-    chosen: Stood | None
+    results: Sequence[CrossValidation]
+    chosen: CrossValidatedEffect | None
 
 
-def _weigh_all(flight: Flight, candidates: Sequence[Effect], node: Node) -> _Step | None:
-    before = _left_out(flight, node)
+def _weigh_all(flight: Flight, candidates: Sequence[Effect], fitted: FittedModel) -> _Step | None:
+    before = _left_out(flight, fitted)
     if before is None:
         return None
-    findings = _promising(node, candidates)
+    findings = _promising(fitted, candidates)
     guards = [finding for finding in findings if guards_among([finding.effect.name])]
     tried = [finding for finding in findings if finding not in guards][:MOST] + guards[:GUARDS]
-    results = [item for item in (_weigh(flight, node, finding, before) for finding in tried) if item is not None]
-    return _Step(node, before, findings, results, choose(results, flight.witness))
+    results = [item for item in (_weigh(flight, fitted, finding, before) for finding in tried) if item is not None]
+    return _Step(fitted, before, findings, results, choose(results, flight.witness))
 
 
-def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[Stood]) -> tuple[list[Stood] | None, list[Standing]]:
+def _pair_instead(
+    flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[CrossValidatedEffect]
+) -> tuple[list[CrossValidatedEffect] | None, list[CrossValidation]]:
     """Two effects, each standing beside the other, that together do clearly better than what was found one after the other."""
     names = [item.best.effect.name for item in found]
-    pairs = likely_pairs(first.findings, names, float(first.node.fit.counts.sum()))
-    children = [child for pair in pairs if (child := _fit_pair(flight, first.node, pair)) is not None]
+    pairs = likely_pairs(first.findings, names, float(first.fitted.fit.counts.sum()))
+    children = [child for pair in pairs if (child := _fit_pair(flight, first.fitted, pair)) is not None]
     best = min(children, key=lambda child: child.fit.cost, default=None)
-    reached = -_fitted_change(first.node, found[-1].best.node) if found else 0.0
-    fall = -_fitted_change(first.node, best) if best is not None else 0.0
+    reached = -_fitted_change(first.fitted, found[-1].best.fitted) if found else 0.0
+    fall = -_fitted_change(first.fitted, best) if best is not None else 0.0
     if best is None or fall <= reached:
         return None, []
     # What a witness speaks for need not be better by as much.
     vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects)
     if not vouched and fall < reached + (SMALL if len(found) > 1 else HALF * WORTH):
         return None, []
-    stood: list[Stood] = []
-    weighed: list[Standing] = []
+    validated: list[CrossValidatedEffect] = []
+    weighed: list[CrossValidation] = []
     one = best.effects[0]
     for _ in range(2):
         # The second may be another than the pair's, where that does better; the first has to come out again beside it.
@@ -116,28 +118,28 @@ def _pair_instead(flight: Flight, candidates: Sequence[Effect], first: _Step, fo
         weighed += step.results if step is not None else []
         if step is None or step.chosen is None:
             return None, weighed
-        stood.append(step.chosen)
+        validated.append(step.chosen)
         one = step.chosen.best.effect
-    if best.effects[0].name not in {item.effect.name for item in (stood[1].best, *stood[1].others)}:
+    if best.effects[0].name not in {item.effect.name for item in (validated[1].best, *validated[1].others)}:
         return None, weighed
     last = found[-1].best.predictions if found else first.before
-    common = sorted(last.keys() & stood[-1].best.predictions.keys())
-    lowered = reduction([last[r] for r in common], [stood[-1].best.predictions[r] for r in common])
+    common = sorted(last.keys() & validated[-1].best.predictions.keys())
+    lowered = reduction([last[r] for r in common], [validated[-1].best.predictions[r] for r in common])
     least = 0.0 if vouched else SMALL if len(found) > 1 else WORTH
-    return (stood[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
+    return (validated[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
 
 
-def _fit_pair(flight: Flight, node: Node, pair: tuple[Finding, Finding]) -> Node | None:
-    effects = (*node.effects, *(finding.effect for finding in pair))
-    return flight.fit(effects, range(len(flight.records)), node.values, {**pair[0].starts[0], **pair[1].starts[0]})
+def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]) -> FittedModel | None:
+    effects = (*fitted.effects, *(finding.effect for finding in pair))
+    return flight.fit(effects, range(len(flight.records)), fitted.values, {**pair[0].starts[0], **pair[1].starts[0]})
 
 
-def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
+def _promising(fitted: FittedModel, candidates: Sequence[Effect]) -> list[Finding]:
     """The candidates whose projected gain, in effective samples, pays for their parameters; the largest first."""
-    share = _effective(node)
-    twins = {twin for name in node.names for twin in same_sensor_twins(name)}
-    samples = share * float(node.fit.counts.sum())
-    findings = [finding for finding in screen(node, candidates, occasion_at(node)) if finding.effect.name not in twins]
+    share = _effective(fitted)
+    twins = {twin for name in fitted.names for twin in same_sensor_twins(name)}
+    samples = share * float(fitted.fit.counts.sum())
+    findings = [finding for finding in screen(fitted, candidates, search_context(fitted)) if finding.effect.name not in twins]
     most = findings[0].gain if findings else 0.0
     return [
         finding
@@ -146,15 +148,15 @@ def _promising(node: Node, candidates: Sequence[Effect]) -> list[Finding]:
     ]
 
 
-def _left_out(flight: Flight, node: Node, which: Sequence[int] | None = None) -> dict[int, Fit] | None:
+def _left_out(flight: Flight, fitted: FittedModel, which: Sequence[int] | None = None) -> dict[int, Fit] | None:
     """Each record, or ``which``, predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
     fits = {}
     for r in range(len(flight.records)) if which is None else which:
         record = flight.records[r]
-        trained: Node | None = without_record(node, r)
+        trained: FittedModel | None = without_record(fitted, r)
         if len(flight.records) <= FEW:
             others = [other for other in range(len(flight.records)) if other != r]
-            trained = flight.fit(node.effects, others, node.values)
+            trained = flight.fit(fitted.effects, others, fitted.values)
         frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
         if frozen is None:
             return None
@@ -162,24 +164,24 @@ def _left_out(flight: Flight, node: Node, which: Sequence[int] | None = None) ->
     return fits
 
 
-def within_reach(node: Node, effect: Effect) -> list[int]:
+def within_reach(fitted: FittedModel, effect: Effect) -> list[int]:
     """Records that fly where the others do, too: beyond their range a curve fitted to the others is not known."""
     low, high = getattr(effect, "low", None), getattr(effect, "high", None)
-    count = len(node.fit.layout.problems)
+    count = len(fitted.fit.layout.problems)
     if low is None or high is None:
         return list(range(count))
     inside = []
     for r in range(count):
-        others = fitted_to(effect, occasion_at(node, which=[other for other in range(count) if other != r]))
+        others = fitted_to(effect, search_context(fitted, which=[other for other in range(count) if other != r]))
         beyond = max(others.low - low, high - others.high)  # type: ignore[attr-defined]
         if beyond <= BEYOND * (high - low):
             inside.append(r)
     return inside
 
 
-def without_record(node: Node, r: int) -> Node:
+def without_record(fitted: FittedModel, r: int) -> FittedModel:
     """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near where there are many."""
-    fit, layout = node.fit, node.fit.layout
+    fit, layout = fitted.fit, fitted.fit.layout
     normal, gradient = (part.copy() for part in fit.normal_equations())
     at, problem = layout.columns(r), layout.problems[r]
     weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0).ravel()
@@ -191,21 +193,21 @@ def without_record(node: Node, r: int) -> Node:
     inside = normal[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
     step = np.zeros(len(fit.theta))
     step[moving] = np.linalg.lstsq(inside, gradient[moving] / scale[moving], rcond=1e-10)[0] / scale[moving]
-    return replace(node, fit=replace(fit, theta=np.clip(fit.theta + step, layout.low, layout.high)))
+    return replace(fitted, fit=replace(fit, theta=np.clip(fit.theta + step, layout.low, layout.high)))
 
 
-def _weigh(flight: Flight, node: Node, finding: Finding, before: Mapping[int, Fit]) -> Standing | None:
-    effects = (*node.effects, finding.effect)
+def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
+    effects = (*fitted.effects, finding.effect)
     everything = range(len(flight.records))
-    tries = [flight.fit(effects, everything, node.values, start) for start in finding.starts[:2]]
+    tries = [flight.fit(effects, everything, fitted.values, start) for start in finding.starts[:2]]
     child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
-    if child is None or child.fit.cost > node.fit.cost:
-        child = flight.fit(effects, everything, node.values, near_absence(finding.effect, finding.starts[0]))
+    if child is None or child.fit.cost > fitted.fit.cost:
+        child = flight.fit(effects, everything, fitted.values, near_absence(finding.effect, finding.starts[0]))
     if child is None:
         return None
-    if _fitted_change(node, child) > -HALF * WORTH:
+    if _fitted_change(fitted, child) > -HALF * WORTH:
         return None
-    asked = within_reach(node, finding.effect)
+    asked = within_reach(fitted, finding.effect)
     after = _left_out(flight, child, asked) if asked else None
     if after is None:
         return None
@@ -213,22 +215,22 @@ def _weigh(flight: Flight, node: Node, finding: Finding, before: Mapping[int, Fi
     lowered, gain = reduction(*pairs), coloured_gain(*pairs)
     if lowered.total > -WORTH:
         why = "it does not lower the held-out error enough"
-        return Standing(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
+        return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
-    if stands and stands_off(child, finding.effect) < CLEARLY:
+    if stands and distance_from_absence(child, finding.effect) < CLEARLY:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
         stands, why = False, "a colour of the residual does as well"
     if stands and implausible(finding.effect, own_quantities(child, finding.effect)):
         stands, why = False, "its parameters are beyond belief"
-    return Standing(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+    return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
 
 
-def _fitted_change(node: Node, child: Node) -> float:
+def _fitted_change(fitted: FittedModel, child: FittedModel) -> float:
     """Mean over the channels of ln(rms after / rms before) on the fitted records: what is not there will not be on others."""
-    used = node.fit.layout.used & child.fit.layout.used
-    return float(np.mean(0.5 * np.log(child.fit.variance[used] / node.fit.variance[used]))) if np.any(used) else 0.0
+    used = fitted.fit.layout.used & child.fit.layout.used
+    return float(np.mean(0.5 * np.log(child.fit.variance[used] / fitted.fit.variance[used]))) if np.any(used) else 0.0
 
 
 def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
@@ -247,5 +249,5 @@ def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     return True, "stands"
 
 
-def _effective(node: Node) -> float:
-    return effective_share(node.fit.residuals, [problem.valid for problem in node.fit.layout.problems])
+def _effective(fitted: FittedModel) -> float:
+    return effective_share(fitted.fit.residuals, [problem.valid for problem in fitted.fit.layout.problems])

@@ -15,9 +15,11 @@ MARGIN = 0.01  # of ln(error): less is rounding of the projection
 
 
 def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: float) -> list[tuple[Finding, Finding]]:
-    """Pairs of a node's findings that promise a larger fall of ln(error) than what was ``found`` did there; the most promising first, a few at most.
+    """Pairs of a fitted model's findings that promise a larger fall of ln(error) than what was ``found`` did there.
 
-    Guards, a lag with the delay of the same channel, and signatures that are one and the same make no pair. ``samples`` of the node's fit.
+    A few at most, the most promising first.
+
+    Guards, a lag with the delay of the same channel, and signatures that are one and the same make no pair. ``samples`` of the fitted model's fit.
     """
     usable = [finding for finding in findings if not guards_among([finding.effect.name])]
     taken = [finding for finding in usable if finding.effect.name in found]

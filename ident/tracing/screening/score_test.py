@@ -1,6 +1,6 @@
-"""Ranks all candidates at a node by projected score: what each could explain that the node's own parameters cannot.
+"""Ranks all candidates at a fitted model by projected score: what each could explain that the fitted model's own parameters cannot.
 
-The residual and the candidates' signatures are whitened and projected off the node's Jacobian: a refit would eat
+The residual and the candidates' signatures are whitened and projected off the fitted model's Jacobian: a refit would eat
 the rest. gain = -(N/2) ln(1 - explained share) (score test with nuisance parameters projected out).
 """
 
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import Node, belongs_to_record, compiled_with
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.effect import Effect, full_name
-from sim.declaration.proposal import Occasion, Probe, fitted_to
+from sim.declaration.proposal import Probe, SearchContext, fitted_to
 from sim.errors import ModelError
 
 COLLINEAR = 0.9
@@ -27,7 +27,7 @@ PLACES = 60  # over the record, for effects that may begin anywhere
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A candidate's best places at a node.
+    """A candidate's best places at a fitted model.
 
     ``gain`` of the log likelihood at the best; ``starts`` full name -> value, the best places first, the amplitudes as the
     projection has them; ``contribution`` what the best would add to the whitened, projected outputs, ``(D,)``.
@@ -43,24 +43,24 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class _Whitened:
-    """The node's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and where each record stands."""
+    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and where each record stands."""
 
     e: np.ndarray
     Q: np.ndarray
     rows: tuple[slice, ...]
 
 
-def screen(node: Node, candidates: Sequence[Effect], occasion: Occasion, most: int = 3) -> list[Finding]:
-    """Findings for all candidates that can act on the node's model, the largest gain first.
+def screen(fitted: FittedModel, candidates: Sequence[Effect], context: SearchContext, most: int = 3) -> list[Finding]:
+    """Findings for all candidates that can act on the fitted model, the largest gain first.
 
     An effect whose signature is nothing, or points the unphysical way, is left out.
     """
-    white = _whitened(node)
+    white = _whitened(fitted)
     findings = []
     for candidate in candidates:
-        if candidate.name in node.names:
+        if candidate.name in fitted.names:
             continue
-        found = _find(node, white, fitted_to(candidate, occasion), occasion, most)
+        found = _find(fitted, white, fitted_to(candidate, context), context, most)
         if found is not None:
             findings.append(found)
     return sorted(findings, key=lambda finding: -finding.gain)
@@ -72,8 +72,8 @@ def collinear(a: Finding, b: Finding) -> float:
     return float(abs(a.contribution @ b.contribution) / size) if size > 0 else 0.0
 
 
-def _whitened(node: Node) -> _Whitened:
-    fit, layout = node.fit, node.fit.layout
+def _whitened(fitted: FittedModel) -> _Whitened:
+    fit, layout = fitted.fit, fitted.fit.layout
     sizes = [problem.valid.size for problem in layout.problems]
     ends = np.cumsum(sizes)
     rows = tuple(slice(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True))
@@ -89,22 +89,22 @@ def _whitened(node: Node) -> _Whitened:
     return _Whitened(e - Q @ (Q.T @ e), Q, rows)
 
 
-def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most: int) -> Finding | None:
-    probes = tuple(effect.probes(occasion))  # type: ignore[attr-defined]
+def _find(fitted: FittedModel, white: _Whitened, effect: Effect, context: SearchContext, most: int) -> Finding | None:
+    probes = tuple(effect.probes(context))  # type: ignore[attr-defined]
     if not probes:
         return None
     try:
-        signatures = _signatures(node, effect, probes)
+        signatures = _signatures(fitted, effect, probes)
     except ModelError:
         return None
     apart, onset = belongs_to_record(effect) and len(white.rows) > 1, getattr(effect, "onset", "")
     total = float(white.e @ white.e)
-    N = float(node.fit.counts.sum())
+    N = float(fitted.fit.counts.sum())
     results = []
     spans = white.rows if apart else (slice(None),)
     for probe, parts in zip(probes, signatures, strict=True):
-        places = _places(node, probe, onset)
-        flat = _placed(node, parts, white, places)
+        places = _places(fitted, probe, onset)
+        flat = _placed(fitted, parts, white, places)
         k = len(flat) // len(places)
         gains, amplitudes, each = np.zeros(len(places)), np.zeros((len(places), k)), []
         for rows in spans:
@@ -116,7 +116,7 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
         for place in np.argsort(-gains)[: 2 * most]:
             values = dict(probe.values)
             if probe.shifts:
-                values[onset] = values[onset] + places[place] * occasion.interval
+                values[onset] = values[onset] + places[place] * context.interval
             start = _start(effect, Probe(values, probe.slopes), amplitudes[place])
             if start is not None and gains[place] > 0:
                 results.append((float(gains[place]), start, _added(white, flat[place * k : (place + 1) * k], each, int(place))))
@@ -133,15 +133,15 @@ def _find(node: Node, white: _Whitened, effect: Effect, occasion: Occasion, most
     return Finding(effect, distinct[0][0], count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
 
 
-def _places(node: Node, probe: Probe, onset: str) -> list[int]:
+def _places(fitted: FittedModel, probe: Probe, onset: str) -> list[int]:
     """By how many samples a probe's signature is moved: over the whole record where it merely shifts with the onset."""
     if not (probe.shifts and onset):
         return [0]
-    longest = max(len(problem.record) for problem in node.fit.layout.problems)
+    longest = max(len(problem.record) for problem in fitted.fit.layout.problems)
     return list(range(0, longest - 2, max(1, longest // PLACES)))
 
 
-def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
+def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
     """Whitened signature at each place, ``(places k, D)``, the columns of a place one behind the other.
 
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
@@ -155,7 +155,7 @@ def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: S
         for number, shift in enumerate(places):
             if shift < N:
                 moved[number, :, :, shift:] = turned[:, :, : N - shift]
-        whitened = node.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
+        whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
         out[:, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
     return out
 
@@ -163,7 +163,7 @@ def _placed(node: Node, parts: Sequence[np.ndarray], white: _Whitened, places: S
 def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: float) -> tuple[np.ndarray, np.ndarray]:
     """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and their amplitudes ``(places, k)``.
 
-    The residual stands orthogonal to the node's Jacobian, so that only sizes of the projected columns are needed.
+    The residual stands orthogonal to the fitted model's Jacobian, so that only sizes of the projected columns are needed.
     """
     block, Q, e = flat[:, rows], white.Q[rows], white.e[rows]
     places = len(block) // k
@@ -171,7 +171,7 @@ def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: f
     whole = columns @ columns.swapaxes(1, 2)
     raw, gram = np.einsum("pii->pi", whole), whole - inside @ inside.swapaxes(1, 2)
     size = np.sqrt(np.maximum(np.einsum("pii->pi", gram), 0.0))
-    # What the node's own parameters explain but for rounding is no signature.
+    # What the fitted model's own parameters explain but for rounding is no signature.
     sound = np.isfinite(size) & (size > 1e-5 * np.sqrt(raw)) & (size > 0)
     scale = np.where(sound, 1.0 / np.where(sound, size, 1.0), 0.0)
     b = (block @ e).reshape(places, k) * scale
@@ -189,15 +189,15 @@ def _added(white: _Whitened, columns: np.ndarray, each: Sequence[tuple[slice, np
     return out - white.Q @ (white.Q.T @ out)
 
 
-def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
+def _signatures(fitted: FittedModel, effect: Effect, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
     """For each probe the columns ``(m, N, k)`` of every record."""
-    outputs = [signal.name for signal in node.system.outputs]
-    _, system = compiled_with(node.model, [effect], outputs)
-    layout = node.fit.layout
+    outputs = [signal.name for signal in fitted.system.outputs]
+    _, system = compiled_with(fitted.model, [effect], outputs)
+    layout = fitted.fit.layout
     columns, where = _alternatives(effect, probes, system.parameters.names)
     blocks: list[list[np.ndarray]] = [[] for _ in probes]
     for r, old in enumerate(layout.problems):
-        p, _ = layout.split(node.fit.theta, r)
+        p, _ = layout.split(fitted.fit.theta, r)
         known = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
         base = np.array([known.get(item.name, item.value) for item in system.parameters])
         for local, value in effect.absent.items():
@@ -207,7 +207,7 @@ def _signatures(node: Node, effect: Effect, probes: Sequence[Probe]) -> list[lis
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
         problem = record_problem(old.record, system, max(layout.settings.max_step, COARSE), (), (), valid=old.valid)
-        states = dict(zip(layout.system.state_names, node.fit.lines[r].states, strict=True))
+        states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
         y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))
         for number, (first, count, reference, step) in enumerate(where):

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.statistics.residuals import ljung_box
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 
 FEW = 3  # samples
 
 FEWEST = 20  # samples of a channel, below which nothing is said of its colour
 
 
-def unevenness(parent: Node, child: Node) -> float:
+def unevenness(parent: FittedModel, child: FittedModel) -> float:
     """sum(c^2 e^2)/sum(c^2), c the change of the fitted output and e the innovation, both in sigmas; at least 1.
 
     Noise that happens to be large just where an addition acts is no evidence for it.
@@ -29,12 +29,12 @@ def unevenness(parent: Node, child: Node) -> float:
     return max(1.0, top / bottom) if bottom > 0 else 1.0
 
 
-def _standard(node: Node, r: int) -> np.ndarray:
+def _standard(fitted: FittedModel, r: int) -> np.ndarray:
     """Independent residuals of variance one, ``(m, N)``."""
-    return node.fit.residuals[r] / np.sqrt(node.fit.variance)[:, None]
+    return fitted.fit.residuals[r] / np.sqrt(fitted.fit.variance)[:, None]
 
 
-def few_samples(parent: Node, child: Node) -> float:
+def few_samples(parent: FittedModel, child: FittedModel) -> float:
     """Share of the improvement that the three most improved samples bring, 0 to 1: evidence must not hang on so few."""
     gained = np.concatenate(
         [
@@ -46,25 +46,25 @@ def few_samples(parent: Node, child: Node) -> float:
     return float(np.clip(np.sort(gained)[-FEW:].sum() / total, 0.0, 1.0)) if total > 0 else 1.0
 
 
-def _over_parent(parent: Node, child: Node, r: int) -> np.ndarray:
+def _over_parent(parent: FittedModel, child: FittedModel, r: int) -> np.ndarray:
     """The child's residuals in the parent's standard deviations, ``(m, N)``; whitened ones have variance one in both."""
     return child.fit.residuals[r] / np.sqrt(parent.fit.variance)[:, None]
 
 
-def is_white(node: Node, least: float = 1e-3) -> bool:
+def is_white(fitted: FittedModel, least: float = 1e-3) -> bool:
     """Whether no channel's residual shows correlation: no p-value below ``least``."""
-    return all(p_value > least for p_value in _whiteness(node))
+    return all(p_value > least for p_value in _whiteness(fitted))
 
 
-def is_coloured_throughout(node: Node, least: float) -> bool:
+def is_coloured_throughout(fitted: FittedModel, least: float) -> bool:
     """Whether every channel of every record shows correlation, each with a p-value below ``least``."""
-    told = list(_whiteness(node))
+    told = list(_whiteness(fitted))
     return bool(told) and all(p_value < least for p_value in told)
 
 
-def _whiteness(node: Node) -> Iterator[float]:
+def _whiteness(fitted: FittedModel) -> Iterator[float]:
     """P-values of every channel of every record that measures it."""
-    for problem, residual in zip(node.fit.layout.problems, node.fit.residuals, strict=True):
-        for i, name in enumerate(node.system.output_names):
+    for problem, residual in zip(fitted.fit.layout.problems, fitted.fit.residuals, strict=True):
+        for i, name in enumerate(fitted.system.output_names):
             if np.count_nonzero(problem.valid[i]) >= FEWEST:
                 yield ljung_box(residual[i], problem.valid[i], name).p_value

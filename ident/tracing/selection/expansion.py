@@ -7,124 +7,124 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.process_noise.filter_error import turbulence_worth_trying
-from ident.process_noise.innovations_model import is_forced
-from ident.tracing.candidate_model.fitted_model import Node, free_names, is_event
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, is_event
 from ident.tracing.candidate_model.quantities import _quantities_by_record, _stands_out, quantities
 from ident.tracing.diagnosis import Candidate, Quantity, Step
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, same_sensor_twins, screen
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, NoiseEffect, full_name
 
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
-WORTH = 1e-2  # p-value of the innovations being white below which random motion is offered
+WORTH = 1e-2  # p-value of the innovations being white below which process noise is offered
 HOPELESS, RIVAL = 0.2, 0.5  # of the best gain so far
 CHEAP = 2  # parameters of a candidate that is fitted even though its projected gain is small
 
 
-def expand(search: Search, node: Node, number: int) -> list[Node]:
-    """Accepted children of a node; all that was looked at is kept as evidence.
+def expand(search: Search, fitted: FittedModel, number: int) -> list[FittedModel]:
+    """Accepted children of a fitted model; all that was looked at is kept as evidence.
 
     The best few by projected gain are fitted in full. Where none of them leaves noise, the candidates with few parameters are
     fitted too: a base fit that bent far hides what bent it from a linear look.
     """
-    key = frozenset(node.names)
+    key = frozenset(fitted.names)
     if key in search.expanded or search.exhausted:
         return []
     search.expanded.add(key)
     findings = [
         finding
-        for finding in screen(node, search.candidates, occasion_at(node, search.beside))
-        if not (_excluded(node, finding.effect) or isinstance(finding.effect, NoiseEffect))
+        for finding in screen(fitted, search.candidates, search_context(fitted, search.beside))
+        if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect))
     ]
-    search.progress(f"round {number}: {' + '.join(node.names) or 'declared model'}", number / (search.settings.depth + 1))
-    children: dict[int, Node] = {}
+    search.progress(f"round {number}: {' + '.join(fitted.names) or 'declared model'}", number / (search.settings.depth + 1))
+    children: dict[int, FittedModel] = {}
     most, explained = 0.0, None
-    limit = search.settings.tried if not node.effects else search.settings.tried // 2
-    starts = search.settings.starts if not node.effects else 1
+    limit = search.settings.tried if not fitted.effects else search.settings.tried // 2
+    starts = search.settings.starts if not fitted.effects else 1
     for place, finding in enumerate(findings):
         # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
-        worth = 2.0 * finding.gain > 0.5 * _price(search, node, finding) and (len(children) < 2 or finding.gain > HOPELESS * most)
+        worth = 2.0 * finding.gain > 0.5 * _price(search, fitted, finding) and (len(children) < 2 or finding.gain > HOPELESS * most)
         if explained is not None:
             # Nothing is missing any more: only what might explain it as well is still of interest.
             worth = worth and (finding.gain > RIVAL * most or collinear(finding, explained) > COLLINEAR)
         if not worth or len(children) >= limit or search.exhausted:
             continue
-        child = best_fit(search, node, finding, starts)
+        child = best_fit(search, fitted, finding, starts)
         if child is not None:
             children[place] = child
-            most = max(most, node.fit.cost - child.fit.cost)
+            most = max(most, fitted.fit.cost - child.fit.cost)
             if explained is None and is_white(child):
                 explained = finding
-    if explained is None and not is_white(node) and not is_forced(node.system):
+    if explained is None and not is_white(fitted) and not has_process_noise(fitted.system):
         for place, finding in enumerate(findings):
             if place not in children and finding.parameters <= CHEAP and not search.exhausted:
-                child = best_fit(search, node, finding, 1)
+                child = best_fit(search, fitted, finding, 1)
                 if child is not None:
                     children[place] = child
-    return _accepted(search, node, number, findings, children)
+    return _accepted(search, fitted, number, findings, children)
 
 
-def with_random_motion(search: Search, node: Node, number: int) -> list[Node]:
+def with_process_noise(search: Search, fitted: FittedModel, number: int) -> list[FittedModel]:
     """The node with turbulence, offered only where its innovations are not white."""
     effects = [effect for effect in search.candidates if isinstance(effect, NoiseEffect)]
-    if not effects or is_forced(node.system) or search.exhausted or turbulence_worth_trying(node.fit) > WORTH:
+    if not effects or has_process_noise(fitted.system) or search.exhausted or turbulence_worth_trying(fitted.fit) > WORTH:
         return []
     findings: list[Finding] = []
-    children: dict[int, Node] = {}
+    children: dict[int, FittedModel] = {}
     for effect in effects:
-        child = search.fit((*node.effects, effect), node, rough=True)
+        child = search.fit((*fitted.effects, effect), fitted, rough=True)
         if child is not None:
             children[len(findings)] = child
             findings.append(Finding(effect, 0.0, len(free_names(effect)), ({},), (0.0,), np.zeros(1)))
-    return _accepted(search, node, number, findings, children)
+    return _accepted(search, fitted, number, findings, children)
 
 
-def _accepted(search: Search, node: Node, number: int, findings: list[Finding], children: dict[int, Node]) -> list[Node]:
+def _accepted(search: Search, fitted: FittedModel, number: int, findings: list[Finding], children: dict[int, FittedModel]) -> list[FittedModel]:
     """Keep evidence on all findings, and the children that lower the score enough."""
-    accepted: list[Node] = []
-    most = max((node.fit.cost - child.fit.cost for child in children.values()), default=0.0)
+    accepted: list[FittedModel] = []
+    most = max((fitted.fit.cost - child.fit.cost for child in children.values()), default=0.0)
     for place, finding in enumerate(findings):
         child = children.get(place)
-        gain = finding.gain if child is None else node.fit.cost - child.fit.cost
+        gain = finding.gain if child is None else fitted.fit.cost - child.fit.cost
         others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > COLLINEAR)
-        search.evidence.append(_candidate(number, node, finding, child, gain, others))
-        lowered = 0.0 if child is None else search.gain(node, child)
+        search.evidence.append(_candidate(number, fitted, finding, child, gain, others))
+        lowered = 0.0 if child is None else search.gain(fitted, child)
         if child is None or lowered <= search.settings.accept:
             continue
         if not _present(child, finding.effect):
             # What it brought is a better optimum of the set without it.
-            better = search.fit(node.effects, child)
-            if better is not None and better.fit.cost < node.fit.cost:
-                search.keep(better, search.score(node) - 2.0 * (node.fit.cost - better.fit.cost))
+            better = search.fit(fitted.effects, child)
+            if better is not None and better.fit.cost < fitted.fit.cost:
+                search.keep(better, search.score(fitted) - 2.0 * (fitted.fit.cost - better.fit.cost))
             continue
-        parent = node
+        parent = fitted
         if gain > RIVAL * most:
             # One that brings less than half of another will not be the best of its size: no need to know exactly what it brings.
             child = _placed_better(search, child, finding.effect)
-            parent = _from_child(search, node, child)
+            parent = _from_child(search, fitted, child)
             lowered = search.gain(parent, child)
         if lowered <= search.settings.accept:
             continue
         search.keep(child, search.score(parent) - lowered)
         sentence = f"{finding.effect.name} lowers the criterion by {lowered:.1f}"
         search.steps.append(Step(child.names, search.score(child), child.fit.log_likelihood, sentence))
-        accepted.append(search.nodes[frozenset(child.names)])
+        accepted.append(search.fitted_models[frozenset(child.names)])
     return accepted
 
 
-def best_fit(search: Search, node: Node, finding: Finding, starts: int) -> Node | None:
-    """A node with one more effect, fitted from the best few of its starts; None where none comes out better than the node itself."""
-    best: Node | None = None
+def best_fit(search: Search, fitted: FittedModel, finding: Finding, starts: int) -> FittedModel | None:
+    """A fitted model with one more effect, fitted from the best few of its starts; None where none comes out better than the fitted model itself."""
+    best: FittedModel | None = None
     for start in finding.starts[:starts]:
-        child = search.fit((*node.effects, finding.effect), node, start, rough=True)
+        child = search.fit((*fitted.effects, finding.effect), fitted, start, rough=True)
         if child is not None and (best is None or child.fit.cost < best.fit.cost):
             best = child
-    if best is None or best.fit.cost > node.fit.cost:
+    if best is None or best.fit.cost > fitted.fit.cost:
         # The projection, which knows slopes only, led astray: from near absence no fit can fail.
-        again = search.fit((*node.effects, finding.effect), node, near_absence(finding.effect, finding.starts[0]), rough=True)
-        best = again if again is not None and again.fit.cost <= node.fit.cost else None
+        again = search.fit((*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0]), rough=True)
+        best = again if again is not None and again.fit.cost <= fitted.fit.cost else None
     return best
 
 
@@ -135,7 +135,7 @@ def near_absence(effect: Effect, start: Mapping[str, float]) -> dict[str, float]
     return {name: value if np.isfinite(value) else start[name] for name, value in near.items()}
 
 
-def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
+def _placed_better(search: Search, child: FittedModel, effect: Effect) -> FittedModel:
     """An event moved a little to both sides: its time has local optima where the motion has died out."""
     if not is_event(effect):
         return child
@@ -151,37 +151,37 @@ def _placed_better(search: Search, child: Node, effect: Effect) -> Node:
     return child
 
 
-def _from_child(search: Search, node: Node, child: Node) -> Node:
+def _from_child(search: Search, fitted: FittedModel, child: FittedModel) -> FittedModel:
     """The parent, fitted again from the child's values where it has effects: part of a gain may be a better optimum of its own."""
-    if not node.effects or is_forced(node.system):
-        return node
-    again = search.fit(node.effects, child, rough=True)
-    if again is None or again.fit.cost >= node.fit.cost - 0.5:
-        return node
-    search.keep(again, search.score(node) - 2.0 * (node.fit.cost - again.fit.cost))
+    if not fitted.effects or has_process_noise(fitted.system):
+        return fitted
+    again = search.fit(fitted.effects, child, rough=True)
+    if again is None or again.fit.cost >= fitted.fit.cost - 0.5:
+        return fitted
+    search.keep(again, search.score(fitted) - 2.0 * (fitted.fit.cost - again.fit.cost))
     return again
 
 
-def _present(node: Node, effect: Effect) -> bool:
+def _present(fitted: FittedModel, effect: Effect) -> bool:
     """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
     onset = getattr(effect, "onset", "")
-    for problem, found in zip(node.fit.layout.problems, _quantities_by_record(node, effect), strict=True):
+    for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
         if inside and _stands_out(effect, found):
             return True
     return False
 
 
-def _price(search: Search, node: Node, finding: Finding) -> float:
-    return search.settings.accept + finding.parameters * float(np.log(node.fit.counts.sum()))
+def _price(search: Search, fitted: FittedModel, finding: Finding) -> float:
+    return search.settings.accept + finding.parameters * float(np.log(fitted.fit.counts.sum()))
 
 
-def _excluded(node: Node, effect: Effect) -> bool:
+def _excluded(fitted: FittedModel, effect: Effect) -> bool:
     """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
-    return any(twin in node.names for twin in same_sensor_twins(effect.name))
+    return any(twin in fitted.names for twin in same_sensor_twins(effect.name))
 
 
-def _candidate(number: int, node: Node, finding: Finding, child: Node | None, gain: float, others: tuple[str, ...]) -> Candidate:
+def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, gain: float, others: tuple[str, ...]) -> Candidate:
     from scipy.special import chdtrc
 
     effect = finding.effect
@@ -195,4 +195,4 @@ def _candidate(number: int, node: Node, finding: Finding, child: Node | None, ga
     plausible = getattr(effect, "plausible", {})
     believed = all(plausible[name][0] <= quantity.value <= plausible[name][1] for name, quantity in found.items() if name in plausible)
     p_value = float(chdtrc(finding.parameters, max(2.0 * gain, 0.0)))
-    return Candidate(number, node.names, effect.name, float(gain), p_value, child is not None, believed, found, None, others)
+    return Candidate(number, fitted.names, effect.name, float(gain), p_value, child is not None, believed, found, None, others)

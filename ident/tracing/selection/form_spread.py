@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.process_noise.innovations_model import is_forced
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.selection.search import Search
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.proposal import Refinable
 
 
-def form_spread(search: Search, node: Node) -> dict[str, float]:
+def form_spread(search: Search, fitted: FittedModel) -> dict[str, float]:
     """By how much the declared parameters move, beyond chance, where every effect of a set takes its freer form; empty where none has one.
 
     A derivative is a slope at trim, and the plain form of a curve is not the truth's: its sigma knows of noise alone. The move is
     taken beyond what the freer form's larger sigma explains: sqrt(max(0, move^2 - (sigma_freer^2 - sigma_plain^2))).
     """
-    freer = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in node.effects)
-    if freer == node.effects or is_forced(node.system):
+    freer = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in fitted.effects)
+    if freer == fitted.effects or has_process_noise(fitted.system):
         return {}
-    other = search.fit(freer, node)
-    if other is None or other.fit.cost > node.fit.cost:
+    other = search.fit(freer, fitted)
+    if other is None or other.fit.cost > fitted.fit.cost:
         return {}
-    plain, free = estimate_of(node.fit), estimate_of(other.fit)
+    plain, free = estimate_of(fitted.fit), estimate_of(other.fit)
     spread = {}
     for name in plain.names:
         if name in search.model.parameters and name in free.names:

@@ -6,10 +6,10 @@ them has to be put to the data that were not fitted.
 
 from __future__ import annotations
 
-from ident.process_noise.innovations_model import is_forced
-from ident.tracing.candidate_model.fitted_model import Node, guards_among
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
 from ident.tracing.diagnosis import Step
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import same_sensor_twins, screen
 from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.search import Search
@@ -19,19 +19,19 @@ from sim.declaration.proposal import Refinable
 LOOKS_ALIKE = 0.5  # projected gain over what the effect itself brought, below which nothing is worth a fit
 
 
-def stand_ins(search: Search, best: Node, within: float) -> list[Node]:
+def near_aliases(search: Search, best: FittedModel, within: float) -> list[FittedModel]:
     """Sets of equal size that differ from ``best`` in one effect, of nearly equal likelihood whatever their number of parameters.
 
     ``within`` in units of twice the log likelihood. Candidates are those that evidence or the effect itself calls alike.
     """
-    found: list[Node] = []
+    found: list[FittedModel] = []
     for effect in best.effects:
         names = _alike(search, best, effect)
         base = _without(search, best, effect) if names else None
         if base is None:
             continue
         brought = base.fit.cost - best.fit.cost
-        for finding in screen(base, [c for c in search.candidates if c.name in names], occasion_at(base, search.beside)):
+        for finding in screen(base, [c for c in search.candidates if c.name in names], search_context(base, search.beside)):
             if finding.gain < LOOKS_ALIKE * brought or search.exhausted:
                 continue
             child = best_fit(search, base, finding, 1)
@@ -47,11 +47,11 @@ def stand_ins(search: Search, best: Node, within: float) -> list[Node]:
                     f"{finding.effect.name} in the place of {effect.name} fits nearly as well",
                 )
             )
-            found.append(search.nodes[frozenset(child.names)])
+            found.append(search.fitted_models[frozenset(child.names)])
     return found
 
 
-def _alike(search: Search, best: Node, effect: Effect) -> set[str]:
+def _alike(search: Search, best: FittedModel, effect: Effect) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
     names = set(effect.aliases)
@@ -60,20 +60,23 @@ def _alike(search: Search, best: Node, effect: Effect) -> set[str]:
             names |= set(seen.collinear_with)
         elif effect.name in seen.collinear_with and set(seen.within) <= rest:
             names.add(seen.name)
-    known = {name for name in names if frozenset({*rest, name}) in search.nodes}
+    known = {name for name in names if frozenset({*rest, name}) in search.fitted_models}
     candidates = {c.name for c in search.candidates if not isinstance(c, NoiseEffect)}
     twins = {name for other in rest for name in same_sensor_twins(other)}
     return (names & candidates) - rest - known - twins - set(guards_among(names)) - {effect.name}
 
 
-def _without(search: Search, best: Node, effect: Effect) -> Node | None:
+def _without(search: Search, best: FittedModel, effect: Effect) -> FittedModel | None:
     rest = tuple(other for other in best.effects if other.name != effect.name)
-    # From the set's own values: the node kept from the way up may stand in a worse optimum.
-    known = [search.nodes.get(frozenset(other.name for other in rest)), None if is_forced(best.system) else search.fit(rest, best, rough=True)]
-    return min((node for node in known if node is not None), key=lambda node: node.fit.cost, default=None)
+    # From the set's own values: the fitted model kept from the way up may stand in a worse optimum.
+    known = [
+        search.fitted_models.get(frozenset(other.name for other in rest)),
+        None if has_process_noise(best.system) else search.fit(rest, best, rough=True),
+    ]
+    return min((fitted for fitted in known if fitted is not None), key=lambda fitted: fitted.fit.cost, default=None)
 
 
-def _freely(search: Search, child: Node | None, best: Node, effect: Effect) -> Node | None:
+def _freely(search: Search, child: FittedModel | None, best: FittedModel, effect: Effect) -> FittedModel | None:
     """The child, in its freer form where the plain one is not quite as good as the set it stands in for."""
     if child is None or not isinstance(effect, Refinable) or child.fit.cost <= best.fit.cost:
         return child

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.process_noise.innovations_model import is_forced
-from ident.tracing.candidate_model.fitted_model import Node, fit_set, levels_of
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel, fit_set, levels_of
 from ident.tracing.diagnosis import Candidate, Step, Witness, silent
 from ident.tracing.selection.criterion import few_samples, unevenness
 from ident.tracing.settings import TraceSettings
@@ -26,7 +26,7 @@ USUAL = 1500.0  # samples of a record whose fits count once
 class Search:
     """What one search knows and gathers on its way: fitted nodes, their scores, steps and evidence.
 
-    A node's score is that of its parent less the gain, see ``gain``; the root's is its criterion. ``beside`` are records that will be
+    A fitted model's score is that of its parent less the gain, see ``gain``; the root's is its criterion. ``beside`` are records that will be
     predicted: only the ranges they fly through are used. ``totals`` and ``misfits`` are of sets weighed on held-out data too: score, and
     twice the cost alone.
     """
@@ -38,7 +38,7 @@ class Search:
     settings: TraceSettings
     masks: Sequence[np.ndarray]
     progress: Callable[[str, float], None]
-    nodes: dict[frozenset[str], Node] = field(default_factory=dict)
+    fitted_models: dict[frozenset[str], FittedModel] = field(default_factory=dict)
     scores: dict[frozenset[str], float] = field(default_factory=dict)
     expanded: set[frozenset[str]] = field(default_factory=set)
     steps: list[Step] = field(default_factory=list)
@@ -49,15 +49,17 @@ class Search:
     witness: Witness = silent
     spent: float = 0.0
 
-    def fit(self, effects: Sequence[Effect], start: Node | None, added: Mapping[str, float] | None = None, *, rough: bool = False) -> Node | None:
-        """Fit a set from another node's values; roughly while searching, to the end for what is kept."""
+    def fit(
+        self, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+    ) -> FittedModel | None:
+        """Fit a set from another fitted model's values; roughly while searching, to the end for what is kept."""
         settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
         values, levels = (None, None) if start is None else (start.values, levels_of(start))
-        node = fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
-        if node is not None:
-            work = (node.fit.iterations + 2) * len(node.fit.theta) / UNIT * self._length
-            self.spent += work * FORCED if is_forced(node.system) else work
-        return node
+        fitted = fit_set(self.records, self.model, effects, self.outputs, settings, self.masks, self.settings.event, values, added, levels)
+        if fitted is not None:
+            work = (fitted.fit.iterations + 2) * len(fitted.fit.theta) / UNIT * self._length
+            self.spent += work * FORCED if has_process_noise(fitted.system) else work
+        return fitted
 
     @property
     def roughly(self) -> FitSettings:
@@ -69,13 +71,13 @@ class Search:
         """How much more than a usual record there is to fit."""
         return max(1.0, sum(len(record) for record in self.records) / USUAL)
 
-    def gain(self, parent: Node, child: Node) -> float:
+    def gain(self, parent: FittedModel, child: FittedModel) -> float:
         """By how much an addition lowers the score: twice the log-likelihood gain over the unevenness, less its price."""
         price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
         brought = 2.0 * (parent.fit.cost - child.fit.cost)
-        if is_forced(child.system):
+        if has_process_noise(child.system):
             # Innovations are of variance one whatever the likelihood: there is no saying which samples brought the gain.
-            return brought / (unevenness(parent, child) if is_forced(parent.system) else 1.0) - price
+            return brought / (unevenness(parent, child) if has_process_noise(parent.system) else 1.0) - price
         spread = brought * (1.0 - few_samples(parent, child)) + 0.5 * self.settings.accept
         return min(brought / unevenness(parent, child), spread) - price
 
@@ -84,11 +86,11 @@ class Search:
         """Whether the search has fitted as much as it may: a residual that defies the library must not take for ever."""
         return self.spent >= self.settings.budget
 
-    def keep(self, node: Node, score: float) -> None:
-        """Remember a node, the better one where a set was fitted twice."""
-        key = frozenset(node.names)
-        if key not in self.nodes or score < self.scores[key]:
-            self.nodes[key], self.scores[key] = node, score
+    def keep(self, fitted: FittedModel, score: float) -> None:
+        """Remember a fitted model, the better one where a set was fitted twice."""
+        key = frozenset(fitted.names)
+        if key not in self.fitted_models or score < self.scores[key]:
+            self.fitted_models[key], self.scores[key] = fitted, score
 
-    def score(self, node: Node) -> float:
-        return self.scores[frozenset(node.names)]
+    def score(self, fitted: FittedModel) -> float:
+        return self.scores[frozenset(fitted.names)]

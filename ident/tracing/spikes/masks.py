@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
-from ident.tracing.candidate_model.fitted_model import Node, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.selection.search import Search
 from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
@@ -24,29 +24,29 @@ def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np
     return [record.output_array(outputs)[1] for record in records]
 
 
-def spike_masks(search: Search, node: Node) -> list[np.ndarray]:
-    """Provisional masks from a node's residuals: what stands alone above its neighbours is set aside while searching."""
+def spike_masks(search: Search, fitted: FittedModel) -> list[np.ndarray]:
+    """Provisional masks from a fitted model's residuals: what stands alone above its neighbours is set aside while searching."""
     masks = []
-    for problem, line, record in zip(node.fit.layout.problems, node.fit.lines, search.records, strict=True):
+    for problem, line, record in zip(fitted.fit.layout.problems, fitted.fit.lines, search.records, strict=True):
         measured = record.output_array(search.outputs)[1]
         residual = np.where(measured, problem.z - line.y, 0.0)
         masks.append(measured & provisional_mask(residual, measured, input_edges(record)))
     return masks
 
 
-def spike_claims(search: Search, node: Node) -> tuple[list[np.ndarray], list[Claim]]:
-    """Final masks, rebuilt from zero on the node's residuals, and the spikes to claim."""
+def spike_claims(search: Search, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
+    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim."""
     measured = measured_masks(search.records, search.outputs)
     residuals = [
-        np.where(valid, problem.z - line.y, 0.0) for valid, problem, line in zip(measured, node.fit.layout.problems, node.fit.lines, strict=True)
+        np.where(valid, problem.z - line.y, 0.0) for valid, problem, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
     ]
-    blocked = [_near_events(node, r, record) for r, record in enumerate(search.records)]
+    blocked = [_near_events(fitted, r, record) for r, record in enumerate(search.records)]
     masks, spikes = final_spikes(search.records, search.outputs, residuals, measured, blocked)
-    units = {signal.name: signal.unit for signal in node.system.outputs}
+    units = {signal.name: signal.unit for signal in fitted.system.outputs}
     by_channel: dict[str, list[Spikes]] = {}
     for spike in spikes:
         by_channel.setdefault(spike.channel, []).append(spike)
-    claims = [_claim(f"sensor-spikes:{channel}", found, units[channel], _sigma(node, channel)) for channel, found in by_channel.items()]
+    claims = [_claim(f"sensor-spikes:{channel}", found, units[channel], _sigma(fitted, channel)) for channel, found in by_channel.items()]
     return [mask & valid for mask, valid in zip(masks, measured, strict=True)], claims
 
 
@@ -68,7 +68,7 @@ def mended_inputs(record: Record, claims: Sequence[str]) -> Record:
     return record
 
 
-def cleaned_inputs(search: Search, root: Node) -> tuple[Search, Node, list[Claim]]:
+def cleaned_inputs(search: Search, root: FittedModel) -> tuple[Search, FittedModel, list[Claim]]:
     """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit better, and claimed."""
     claims: list[Claim] = []
     for name in root.system.input_names:
@@ -77,10 +77,10 @@ def cleaned_inputs(search: Search, root: Node) -> tuple[Search, Node, list[Claim
             continue
         records = [_mended(record, name, samples) for record, samples in zip(search.records, found, strict=True)]
         trial = replace(search, records=records)
-        node = trial.fit((), root)
-        if node is None:
+        fitted = trial.fit((), root)
+        if fitted is None:
             continue
-        brought = 2.0 * (root.fit.cost - node.fit.cost)
+        brought = 2.0 * (root.fit.cost - fitted.fit.cost)
         if brought > search.settings.accept:
             spikes = [
                 Spikes(r, name, tuple(samples.tolist()), tuple((record[name].values - mended[name].values)[samples].tolist()))
@@ -89,8 +89,10 @@ def cleaned_inputs(search: Search, root: Node) -> tuple[Search, Node, list[Claim
             ]
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             claims.append(_claim(f"sensor-spikes:{name}", spikes, unit, max(float(np.ptp(search.records[0][name].values)) * 1e-3, 1e-12)))
-            trial.steps.append(Step((), node.criterion, node.fit.log_likelihood, f"spikes of {name} mended: twice the likelihood gain {brought:.1f}"))
-            search, root = trial, node
+            trial.steps.append(
+                Step((), fitted.criterion, fitted.fit.log_likelihood, f"spikes of {name} mended: twice the likelihood gain {brought:.1f}")
+            )
+            search, root = trial, fitted
     return search, root, claims
 
 
@@ -116,15 +118,15 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
     return Claim(name, parameters, (), True, records, text)
 
 
-def _sigma(node: Node, channel: str) -> float:
-    return float(noise_levels(node.fit)[channel])
+def _sigma(fitted: FittedModel, channel: str) -> float:
+    return float(noise_levels(fitted.fit)[channel])
 
 
-def _near_events(node: Node, r: int, record: Record) -> np.ndarray:
+def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
     """True near the onset, and the end, of a fitted event of a record."""
     blocked = np.zeros(len(record), dtype=bool)
-    own, shared = node.values.own[r], node.values.shared
-    for effect in node.effects:
+    own, shared = fitted.values.own[r], fitted.values.shared
+    for effect in fitted.effects:
         if not is_event(effect):
             continue
         known = {item.name: own.get(full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)) for item in effect.parameters}

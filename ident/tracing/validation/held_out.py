@@ -1,4 +1,4 @@
-"""Data that were not fitted: what a node predicts there, and whether what remains is noise.
+"""Data that were not fitted: what a fitted model predicts there, and whether what remains is noise.
 
 Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one record are fitted),
 for the errors that are reported; and one with everything else under the Gaussian knowledge that training left,
@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.process_noise.innovations_model import is_forced
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.information import inverse_information
 from ident.tracing.candidate_model.fitted_model import (
-    Node,
+    FittedModel,
     Values,
     belongs_to_record,
     carried,
@@ -26,7 +26,7 @@ from ident.tracing.candidate_model.fitted_model import (
     levels_of,
 )
 from ident.tracing.diagnosis import Candidate
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
@@ -40,28 +40,28 @@ DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A node on records that were not fitted: the frozen fit and the one under the training's knowledge."""
+    """A fitted model on records that were not fitted: the frozen fit and the one under the training's knowledge."""
 
     frozen: Fit | None
     informed: Fit | None
 
 
-def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] | None, *, informed: bool = True) -> HeldOut:
-    """Fit a node's model to other records, frozen and, if wanted, informed.
+def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, *, informed: bool = True) -> HeldOut:
+    """Fit a fitted model's model to other records, frozen and, if wanted, informed.
 
     What belongs to one record (events, drifts) is looked for anew in each: an event of the training record need not be there.
     """
-    shared = node.values.shared
-    frozen = _fit_other(node, records, masks, shared, None)
+    shared = fitted.values.shared
+    frozen = _fit_other(fitted, records, masks, shared, None)
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = _fit_other(node, records, masks, shared, training_prior(node))
-    if freer is not None and not is_forced(node.system) and doubted(HeldOut(None, freer.fit)):
-        nearer = _fit_other(node, records, masks, shared, prior) if (prior := _prior_where_both_meet(node, freer, masks)) is not None else None
+    freer = _fit_other(fitted, records, masks, shared, training_prior(fitted))
+    if freer is not None and not has_process_noise(fitted.system) and doubted(HeldOut(None, freer.fit)):
+        nearer = _fit_other(fitted, records, masks, shared, prior) if (prior := _prior_where_both_meet(fitted, freer, masks)) is not None else None
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
-    if freer is not None and any(belongs_to_record(effect) for effect in node.effects):
+    if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
-        again = _fit_set(node, node.effects, records, masks, shared, None, freer, {})
+        again = _fit_set(fitted, fitted.effects, records, masks, shared, None, freer, {})
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
@@ -69,7 +69,7 @@ def held_out(node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] 
 
 def with_held_out_change(
     evidence: Sequence[Candidate],
-    nodes: Mapping[frozenset[str], Node],
+    fitted_models: Mapping[frozenset[str], FittedModel],
     before: HeldOut,
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
@@ -84,9 +84,9 @@ def with_held_out_change(
 
     def level(names: frozenset[str]) -> float | None:
         if names not in done:
-            node = nodes.get(names)
-            usable = node is not None and not any(belongs_to_record(effect) for effect in node.effects)
-            fit = held_out(node, records, masks, informed=False).frozen if usable and node is not None else None
+            fitted = fitted_models.get(names)
+            usable = fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
+            fit = held_out(fitted, records, masks, informed=False).frozen if usable and fitted is not None else None
             done[names] = None if fit is None or before.frozen is None else (fit.cost - before.frozen.cost) / float(fit.counts.sum())
         return done[names]
 
@@ -111,69 +111,69 @@ def doubted(out: HeldOut) -> bool:
 
 
 def _fit_other(
-    node: Node, records: Sequence[Record], masks: Sequence[np.ndarray] | None, shared: Mapping[str, float], prior: Prior | None
-) -> Node | None:
+    fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, shared: Mapping[str, float], prior: Prior | None
+) -> FittedModel | None:
     """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
-    own = [effect for effect in node.effects if belongs_to_record(effect)]
-    present = [effect for effect in node.effects if not belongs_to_record(effect)]
-    best = _fit_set(node, present, records, masks, shared, prior, None, {})
+    own = [effect for effect in fitted.effects if belongs_to_record(effect)]
+    present = [effect for effect in fitted.effects if not belongs_to_record(effect)]
+    best = _fit_set(fitted, present, records, masks, shared, prior, None, {})
     for effect in own:
         if best is None:
             return None
-        starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], occasion_at(best)) for start in found.starts[:2]]
-        tries = [_fit_set(node, [*present, effect], records, masks, shared, prior, best, start) for start in [*starts, node.values.own[0]]]
+        starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], search_context(best)) for start in found.starts[:2]]
+        tries = [_fit_set(fitted, [*present, effect], records, masks, shared, prior, best, start) for start in [*starts, fitted.values.own[0]]]
         present = [*present, effect]
         best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
     return best
 
 
 def _fit_set(
-    node: Node,
+    fitted: FittedModel,
     effects: Sequence[Effect],
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     shared: Mapping[str, float],
     prior: Prior | None,
-    from_node: Node | None,
+    from_model: FittedModel | None,
     start: Mapping[str, float],
-) -> Node | None:
-    """The node's set, or a part of it, on other records: shared parameters frozen, or free under a prior."""
-    settings = replace(node.fit.layout.settings, iterations=40, tolerance=1e-3)
-    full, system = compiled_with(node.declared, effects, node.system.output_names)
+) -> FittedModel | None:
+    """The fitted model's set, or a part of it, on other records: shared parameters frozen, or free under a prior."""
+    settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-3)
+    full, system = compiled_with(fitted.declared, effects, fitted.system.output_names)
     known = {name: value for name, value in shared.items() if name in system.parameters}
     parameters = system.parameters.with_values(known)
     system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
     local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
     layout = lay_out(records, system, settings, local=local, masks=masks)
-    begin, guesses = carried(layout, None if from_node is None else from_node.values, start)
+    begin, guesses = carried(layout, None if from_model is None else from_model.values, start)
     layout = lay_out(records, system, settings, local=local, masks=masks, start=begin)
     if prior is not None:
         layout = replace(layout, prior=prior)
-    # A free simulation has no filter; under training's knowledge the random motion is that of training.
-    fit = fit_whole_records(layout, guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(node))
-    return None if fit is None else Node(tuple(effects), node.declared, full, system, fit, 0.0, 0)
+    # A free simulation has no filter; under training's knowledge the process noise is that of training.
+    fit = fit_whole_records(layout, guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
+    return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
 
 
-def training_prior(node: Node) -> Prior:
+def training_prior(fitted: FittedModel) -> Prior:
     """What training says of the shared parameters: nuisances of its records are projected out."""
-    fit, n = node.fit, len(node.fit.layout.shared)
+    fit, n = fitted.fit, len(fitted.fit.layout.shared)
     normal, _ = fit.normal_equations()
     covariance, _ = inverse_information(normal, fit.theta)
     information, _ = inverse_information(covariance[:n, :n], np.ones(n))
     return Prior(np.arange(n), fit.theta[:n].copy(), information)
 
 
-def _prior_where_both_meet(node: Node, freer: Node, masks: Sequence[np.ndarray] | None) -> Prior | None:
+def _prior_where_both_meet(fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None) -> Prior | None:
     """What training says of the shared parameters about the point at which it meets the held-out records; None where no such point is found.
 
     Training may leave open a curved line of parameters, such as a limit times a derivative: its Gaussian holds near its own optimum only.
     """
-    trained, other = node.fit.layout.problems, freer.fit.layout.problems
-    values = Values(node.values.shared, (*node.values.own, *freer.values.own), (*node.values.states, *freer.values.states))
+    trained, other = fitted.fit.layout.problems, freer.fit.layout.problems
+    values = Values(fitted.values.shared, (*fitted.values.own, *freer.values.own), (*fitted.values.states, *freer.values.states))
     records = [problem.record for problem in (*trained, *other)]
     valid = [*(problem.valid for problem in trained), *(masks if masks is not None else (problem.valid for problem in other))]
-    settings = replace(node.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
-    both = fit_set(records, node.declared, node.effects, node.system.output_names, settings, valid, 0.0, values)
+    settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
+    both = fit_set(records, fitted.declared, fitted.effects, fitted.system.output_names, settings, valid, 0.0, values)
     if both is None:
         return None
     fit, n = both.fit, len(both.fit.layout.shared)
@@ -181,7 +181,7 @@ def _prior_where_both_meet(node: Node, freer: Node, masks: Sequence[np.ndarray] 
     for r, problem in enumerate(fit.layout.problems[: len(trained)]):
         at = fit.layout.columns(r)
         J = fit.jacobians[r].reshape(-1, len(at))
-        weight = np.where(problem.valid, 1.0 / node.fit.variance[:, None], 0.0).ravel()
+        weight = np.where(problem.valid, 1.0 / fitted.fit.variance[:, None], 0.0).ravel()
         normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
         gradient[at] += J.T @ (weight * fit.residuals[r].ravel())
     own = n + len(trained) * fit.layout.own

@@ -40,7 +40,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "effects": [_claim(claim, wording, record_labels(tracing)) for claim in d.effects],
         "parameters": {"before": quantities(d.before), "after": quantities(d.after)},
         "scatter": {name: positive(std) for name, std in d.scatter.items()},
-        "growth": {name: bounded(factor) for name, factor in d.growth.items()},
+        "growth": {name: bounded(factor) for name, factor in d.inflation.items()},
         "derived": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_after).items()},
         "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
         "error": {

@@ -64,7 +64,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         weighed=weighed_rows(d),
         headings=text.derivative_headings(d)[2:],
         members=member_tables(d),
-        sigma_note=text.SIGMA_NOTE if d.growth else "",
+        sigma_note=text.SIGMA_NOTE if d.inflation else "",
         scatter=bool(d.scatter),
         derivatives=text.derivative_rows(d.before, d.after, d.scatter),
         derived=text.derivative_rows(*text.derived_of(d)),

@@ -29,7 +29,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
         _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
-        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.growth else ""),
+        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.inflation else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
         _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
         _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.elementary import clip, cos, once_for_alike
 
 DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
@@ -90,10 +90,10 @@ class GustDiscrete:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slope by the peak of a gust at the record's begin, for some durations; a later start only shifts it."""
-        durations = [duration for duration in DURATIONS if 4.0 * occasion.interval <= duration <= 0.5 * occasion.duration]
-        return tuple(Probe({**self.absent, "start": occasion.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
+        durations = [duration for duration in DURATIONS if 4.0 * context.interval <= duration <= 0.5 * context.duration]
+        return tuple(Probe({**self.absent, "start": context.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
 
 
 VARIANTS: tuple[Effect, ...] = (GustDiscrete(), GustDiscrete(lasting=True))

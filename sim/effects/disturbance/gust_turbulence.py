@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 ROOT3 = math.sqrt(3.0)
 
@@ -67,9 +67,9 @@ class GustTurbulence:
         """Covariance ``(2, 2)`` of the states in air that has been rough for long, (m/s)^2; does not depend on the length."""
         return p.sigma**2 * np.array([[0.5, 0.25], [0.25, 0.25]])
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Starts for a fit with process noise: three lengths, of which the record shows a few at least."""
-        far = max(50.0, occasion.airspeed * occasion.duration / 6.0)
+        far = max(50.0, context.airspeed * context.duration / 6.0)
         return tuple(Probe({"sigma": 1.0, "length": length}) for length in (100.0, 300.0, 900.0) if length <= far) or (
             Probe({"sigma": 1.0, "length": far}),
         )

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.effects.onset import WIDTH, edge_width, risen
 
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
@@ -73,16 +73,16 @@ class UnmeasuredInput:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same with edges of one sub-step of that record."""
-        return replace(self, width=edge_width(occasion.interval))
+        return replace(self, width=edge_width(context.interval))
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by lift and moment at the record's begin, for some durations; a later start only shifts them."""
-        start = {"start": occasion.begin + self.width, **self.absent}
+        start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
             return (Probe(start, ("lift", "moment"), shifts=True),)
-        durations = [duration for duration in DURATIONS if 2.0 * occasion.interval <= duration <= 0.5 * occasion.duration]
+        durations = [duration for duration in DURATIONS if 2.0 * context.interval <= duration <= 0.5 * context.duration]
         return tuple(Probe({**start, "duration": duration}, ("lift", "moment"), shifts=True) for duration in durations)
 
 

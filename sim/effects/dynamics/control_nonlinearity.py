@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -87,20 +87,20 @@ class ControlNonlinearity:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same over the range of deflections that the record used, in units of the derivatives fitted so far.
 
         A pseudo-control goes no further than the stick.
         """
-        low, high = occasion.flown_range(self.control) or occasion.flown_range("stick") or (self.low, self.high)
-        by = tuple(occasion.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
+        low, high = context.flown_range(self.control) or context.flown_range("stick") or (self.low, self.high)
+        by = tuple(context.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
         return replace(self, low=low, high=high, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> Effect:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all shapes where there is none, lift and moment from one force."""
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 

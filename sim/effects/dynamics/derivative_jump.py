@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.effects.onset import WIDTH, edge_width, risen
 
 
@@ -95,13 +95,13 @@ class DerivativeJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same with an edge of one sub-step of that record."""
-        return replace(self, width=edge_width(occasion.interval))
+        return replace(self, width=edge_width(context.interval))
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all changes at 36 times; a later time does not merely shift the signature."""
-        return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in occasion.onsets())
+        return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets())
 
 
 VARIANTS: tuple[Effect, ...] = (DerivativeJump(), DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT))

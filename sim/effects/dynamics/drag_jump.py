@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.effects.onset import SLOW_WIDTH, edge_width, risen
 from sim.maths.elementary import log
 
@@ -46,13 +46,13 @@ class DragJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same with an edge that sub-steps of that record resolve."""
-        return replace(self, width=edge_width(occasion.interval, SLOW_WIDTH))
+        return replace(self, width=edge_width(context.interval, SLOW_WIDTH))
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slope by the factor at 36 times."""
-        return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in occasion.onsets())
+        return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in context.onsets())
 
 
 VARIANTS: tuple[Effect, ...] = (DragJump(),)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.elementary import absolute, asinh, maximum, sqrt
 from sim.maths.splines import Shapes, combine, natural_shapes, shape_names
 
@@ -79,9 +79,9 @@ class DragMach:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same over the Mach numbers that the record's speeds reach, at most and at least."""
-        flown = occasion.flown_range("velocity")
+        flown = context.flown_range("velocity")
         if flown is None:
             return self
         slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
@@ -92,7 +92,7 @@ class DragMach:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all shapes where there is none."""
         return (Probe(self.absent, shape_names(self.fine, flat=False)),)
 

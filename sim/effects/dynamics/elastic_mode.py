@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.errors import ModelError
 
 DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
@@ -124,12 +124,12 @@ class ElasticMode:
         """The same mode with all its couplings."""
         return replace(self, fine=True)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
-        slowest, fastest = max(2.0, 4.0 * math.pi / max(occasion.duration, 1.0)), min(0.8 * math.pi / occasion.interval, FASTEST)
+        slowest, fastest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0)), min(0.8 * math.pi / context.interval, FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
-        peaks = [frequency for frequency in occasion.residual_peaks if slowest <= frequency <= fastest]
+        peaks = [frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest]
         slopes = tuple(self.absent)
         start = {item.name: item.value for item in self.parameters} | dict.fromkeys(slopes, 0.0) | {"damping": DAMPING}
         return tuple(Probe({**start, "frequency": frequency}, slopes) for frequency in (*peaks, *grid))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -67,16 +67,16 @@ class LiftNonlinearity:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same over the range of angles that the record flew."""
-        low, high = occasion.flown_range("alpha") or (self.low, self.high)
+        low, high = context.flown_range("alpha") or (self.low, self.high)
         return replace(self, low=low, high=high)
 
     def finer(self) -> Effect:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all shapes where there is none."""
         return (Probe(self.absent, shape_names(self.fine)),)
 

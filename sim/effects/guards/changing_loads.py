@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -55,7 +55,7 @@ class DampingCurve:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both where there is none."""
         return (Probe(self.absent, ("lift", "moment")),)
 
@@ -104,11 +104,11 @@ class DriftingDerivatives:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, occasion: Occasion) -> Effect:
+    def fitted_to(self, context: SearchContext) -> Effect:
         """The same with the declared derivatives at that record's begin."""
-        return replace(self, begin=occasion.begin)
+        return replace(self, begin=context.begin)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all where there is none."""
         return (Probe(self.absent, tuple(self.absent)),)
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
 
@@ -57,9 +57,9 @@ class LaggedLoads:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ((s.alpha_air - s.late_angle) / p.lag,)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both loads at some lags."""
-        return tuple(Probe({"lag": lag, **self.absent}, ("lift", "moment")) for lag in LAGS if lag > occasion.interval)
+        return tuple(Probe({"lag": lag, **self.absent}, ("lift", "moment")) for lag in LAGS if lag > context.interval)
 
 
 GUARDS: tuple[Effect, ...] = (

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.elementary import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
@@ -67,12 +67,12 @@ class PeriodicLoads:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
-        slowest, fastest = max(1.0, 6.0 * math.pi / max(occasion.duration, 1.0)), min(0.5 * math.pi / occasion.interval, FASTEST)
+        slowest, fastest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0)), min(0.5 * math.pi / context.interval, FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
-        peaks = [frequency for frequency in occasion.residual_peaks if slowest <= frequency <= fastest]
+        peaks = [frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest]
         return tuple(Probe({"frequency": frequency, **self.absent}, tuple(self.absent)) for frequency in (*peaks, *grid))
 
 

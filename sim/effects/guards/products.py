@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class ProductLoads:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both where there is none."""
         return (Probe(self.absent, ("lift", "moment")),)
 

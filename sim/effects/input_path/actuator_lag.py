@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.declaration.proposal import Probe, SearchContext, late_times
 from sim.maths.elementary import each_column, linear_recurrence, real, where
 
 
@@ -46,8 +46,8 @@ class ActuatorLag:
     def online_states(self) -> tuple[Signal, ...]:
         return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return [Probe({"time_constant": time}) for time in late_times(occasion)]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"time_constant": time}) for time in late_times(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells.

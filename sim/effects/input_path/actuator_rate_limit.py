@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
 from sim.maths.elementary import absolute, each_column, maximum
 
 UNLIMITED = 1e9
@@ -58,9 +58,9 @@ class ActuatorRateLimit:
         """Believed from a thirtieth to ten times the typical value: for an elevator from half a degree to some 170 degrees a second."""
         return {"rate": (self.typical / 30.0, 10.0 * self.typical)}
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        fastest = occasion.input_rate.get(self.signal, 0.0)
-        return [Probe({"rate": rate}) for rate in shares_of_peak(occasion, self.signal, PER_SECOND) if 0.0 < rate < fastest]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        fastest = context.input_rate.get(self.signal, 0.0)
+        return [Probe({"rate": rate}) for rate in shares_of_peak(context, self.signal, PER_SECOND) if 0.0 < rate < fastest]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells; loops over changes of the input only.

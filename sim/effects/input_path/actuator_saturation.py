@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
 from sim.maths.elementary import clip, each_column
 
 UNLIMITED = 1e9
@@ -55,8 +55,8 @@ class ActuatorSaturation:
         """Believed from a tenth to ten times the typical value: for an elevator from a third of a degree to half a right angle."""
         return {"limit": (0.1 * self.typical, 10.0 * self.typical)}
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return [Probe({"limit": size}) for size in shares_of_peak(occasion, self.signal, (0.95, 0.85, 0.7, 0.5))]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"limit": size}) for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
 from sim.maths.elementary import clip, each_column
 
 
@@ -53,8 +53,8 @@ class InputDeadband:
         """Believed up to ten times the typical value: for an elevator some degrees."""
         return {"half_width": (0.0, 10.0 * self.typical)}
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return [Probe({"half_width": size}) for size in shares_of_peak(occasion, self.signal, (0.04, 0.12, 0.3, 0.6))]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"half_width": size}) for size in shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""

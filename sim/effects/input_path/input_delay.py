@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.declaration.proposal import Probe, SearchContext, late_times
 from sim.maths.elementary import each_column
 
 
@@ -49,8 +49,8 @@ class InputDelay:
         """Full name of a parameter."""
         return local if self.own_name else f"{self.name}.{local}"
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in late_times(occasion)]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell, exact for an input that is constant within cells.

@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.declaration.proposal import Probe, SearchContext, late_times
 from sim.maths.elementary import trailing
 
 APERTURE = 0.001  # s; a jump that meets a sample is spread over it, as cells do for a delayed input
@@ -52,8 +52,8 @@ class SensorDelay:
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-lag:{self.channel}", *_LOOKS_LIKE.get(self.channel, ()))
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(occasion)]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Values at the earlier times, for a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,12 @@ class SensorDrift:
     def plausible(self) -> Mapping[str, tuple[float, float]]:
         return {"slope": (-20.0 * self.typical, 20.0 * self.typical)}
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"slope": 0.0}, ("slope",))]
 
-    def fitted_to(self, occasion: Occasion) -> SensorDrift:
+    def fitted_to(self, context: SearchContext) -> SensorDrift:
         """The drift that counts from this record's begin."""
-        return replace(self, begin=occasion.begin)
+        return replace(self, begin=context.begin)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: y[self.channel] + p.slope * (s.time - self.begin)}

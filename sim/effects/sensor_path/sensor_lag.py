@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe, late_times
+from sim.declaration.proposal import Probe, SearchContext, late_times
 from sim.maths.elementary import linear_recurrence, real, trailing, where
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
@@ -55,8 +55,8 @@ class SensorLag:
     def online_states(self) -> tuple[Signal, ...]:
         return (Signal(f"lagged_{self.channel}", f"unit of {self.channel}", f"{self.channel} as its sensor shows it"),)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        return () if self.channel == "altitude" else [Probe({"time_constant": time}) for time in late_times(occasion)]
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return () if self.channel == "altitude" else [Probe({"time_constant": time}) for time in late_times(context)]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -56,7 +56,7 @@ class SensorScale:
     def aliases(self) -> tuple[str, ...]:
         return _ALIASES.get(self.channel, ())
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return () if self.channel == "altitude" else [Probe({"scale": 1.0}, ("scale",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:

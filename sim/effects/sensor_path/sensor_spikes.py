@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.maths.elementary import maximum, minimum, real, trailing
 
 EXPLANATION = (
@@ -87,7 +87,7 @@ class SensorSpikes:
     def parameters(self) -> tuple[Parameter, ...]:
         return _parameters(self.unit, self.typical)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return ()
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -135,7 +135,7 @@ class InputSpikes:
     def parameters(self) -> tuple[Parameter, ...]:
         return _parameters(self.unit, self.typical)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return ()
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:

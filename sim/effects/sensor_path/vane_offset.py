@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Effect, Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class VaneOffset:
         "allowed."
     )
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:

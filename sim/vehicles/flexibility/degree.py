@@ -16,7 +16,7 @@ that is larger than the sensor's (the paper does that with its second aircraft, 
 
 Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from about
 misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on the energy):
-``detectable``. Between the two the rigid fit is good, but its derivatives are off the condensed ones by
+``detectable``. RecordScatter the two the rigid fit is good, but its derivatives are off the condensed ones by
 more than their sigmas: ``fitted`` says what a fit will find, and ``distance`` bounds the bias, for no combination of
 derivatives is off by more sigmas than the whole response difference (Cauchy and Schwarz; to first order).
 

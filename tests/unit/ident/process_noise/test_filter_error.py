@@ -65,8 +65,8 @@ def test_without_forcing_it_is_output_error() -> None:
     system = compile_model(calm_model())
     plain = fit_whole_records(lay_out([record], system, replace(SETTINGS, tolerance=1e-6)))
     assert plain is not None
-    weighing = process_noise(system, dict(zip(OUTPUTS, 1.5 * NOISE, strict=True)), OUTPUTS)
-    fit = fit_whole_records(reweighed(plain.layout, weighing))
+    noise_model = process_noise(system, dict(zip(OUTPUTS, 1.5 * NOISE, strict=True)), OUTPUTS)
+    fit = fit_whole_records(reweighed(plain.layout, noise_model))
     assert fit is not None and fit.outcome is Outcome.CONVERGED
     n = len(plain.theta)
     sigma = 1.0 / np.sqrt(np.diag(plain.normal_equations()[0]))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ident.process_noise.discretised import Variation, discretised, random_motion
+from ident.process_noise.discretised import Variation, discretised, discretised_noise
 from ident.process_noise.innovations_model import process_noise
 from ident.process_noise.whitener import Whitener, filtered, whitener
 from ident.whole_record.gauss_newton import evaluate
@@ -57,7 +57,7 @@ def at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 def prepared(record: Record, density: dict[str, float] = DENSITY) -> tuple[RecordProblem, Whitener]:
     system = compile_model(oscillator(density))
     problem = record_problem(record, system, 0.05, (), ())
-    motion = random_motion(problem, np.zeros((2, len(problem.grid.nodes))), Variation(system.parameters.values(), 1.0))
+    motion = discretised_noise(problem, np.zeros((2, len(problem.grid.nodes))), Variation(system.parameters.values(), 1.0))
     return problem, whitener(motion, VARIANCE, at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
 
 
@@ -152,7 +152,7 @@ def test_gust_starts_from_its_stationary_spread() -> None:
     problem = record_problem(record, system, 0.01, (), ())
     p = system.parameters.values()
     p[system.parameters.index("gust-turbulence.sigma")] = 1.7
-    motion = random_motion(problem, np.zeros((4, 60)), Variation(p, 1.0))
+    motion = discretised_noise(problem, np.zeros((4, 60)), Variation(p, 1.0))
     gust = [system.state_names.index(name) for name in system.state_names if name.startswith("gust")]
     assert len(gust) == 2 and set(system.stationary) == {system.state_names[i] for i in gust}
     assert not np.any(motion.start[:2]) and not np.any(motion.start[:, :2])
@@ -163,7 +163,7 @@ def test_gust_starts_from_its_stationary_spread() -> None:
 def test_stationary_spread_stays_what_it_is() -> None:
     system = compile_model(rough_model())
     problem = record_problem(rough_record(np.random.default_rng(1), 60), system, 0.01, (), ())
-    motion = random_motion(problem, np.zeros((4, 60)), Variation(system.parameters.values(), 1.0))
+    motion = discretised_noise(problem, np.zeros((4, 60)), Variation(system.parameters.values(), 1.0))
     after = motion.Phi[0] @ motion.start @ motion.Phi[0].T + motion.Q[0]
     assert after[2:, 2:] == pytest.approx(motion.start[2:, 2:], rel=1e-12)
 
@@ -176,7 +176,7 @@ def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
         record = without_rows(record, slice(1, -1, 3))
     system = compile_model(rough_model())
     levels = dict(zip(system.output_names, 1.3 * NOISE, strict=True))
-    layout = lay_out([record], system, FitSettings(0.01), weighing=process_noise(system, levels, system.output_names))
+    layout = lay_out([record], system, FitSettings(0.01), noise_model=process_noise(system, levels, system.output_names))
     first = evaluate(layout, layout.start, layout.guesses(layout.start))
     assert first is not None
     fit = evaluate(layout, layout.start, [first.lines[0].states])

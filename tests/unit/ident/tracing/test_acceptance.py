@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import error_figures, prediction
@@ -19,18 +19,18 @@ from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
-from tests.tracing_problem import OUTPUTS, fitted, planted, search_of, with_output, without_output
+from tests.tracing_problem import OUTPUTS, fit_of, planted, search_of, with_output, without_output
 
 PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
 LAG = {"sensor-lag:q.time_constant": 0.05}
 
 
 @pytest.fixture(scope="module")
-def node() -> Node:
+def fitted() -> FittedModel:
     """Two records, a shared effect and one of each record."""
     effects = (SensorLag("q"), UnmeasuredInput())
     search = search_of([planted(effects, {**LAG, **PULSE}, seed) for seed in (1, 2)])
-    return fitted(search, effects, None, {**LAG, **PULSE})
+    return fit_of(search, effects, None, {**LAG, **PULSE})
 
 
 def record_of(rows: dict[str, np.ndarray]) -> Record:
@@ -105,38 +105,38 @@ def test_low_frequency_power_says_nothing_where_all_lies_below() -> None:
     assert low_frequency_power(np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q").p_value == 1.0
 
 
-def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(node: Node) -> None:
-    tests = whiteness(node.fit, "fitted")
+def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(fitted: FittedModel) -> None:
+    tests = whiteness(fitted.fit, "fitted")
     assert len(tests) == 2 * 3 * 2
     assert {test.channel for test in tests} == {f"{name}, fitted record {r}" for name in OUTPUTS for r in (1, 2)}
     assert min(test.p_value for test in tests) > 1e-4
     short = without_output(planted(), "nz")
     alpha = short["alpha"].values.copy()
     alpha[15:] = np.nan
-    few = fitted(search_of([with_output(short, "alpha", alpha)]))
+    few = fit_of(search_of([with_output(short, "alpha", alpha)]))
     assert {test.channel for test in whiteness(few.fit, "fitted")} == {"q, fitted"}
 
 
-def test_the_training_prior_is_the_schur_complement_of_its_information(node: Node) -> None:
-    normal, _ = node.fit.normal_equations()
-    n = len(node.fit.layout.shared)
-    assert n < len(node.fit.theta)
+def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: FittedModel) -> None:
+    normal, _ = fitted.fit.normal_equations()
+    n = len(fitted.fit.layout.shared)
+    assert n < len(fitted.fit.theta)
     A, B, D = normal[:n, :n], normal[:n, n:], normal[n:, n:]
     # Scaled, since the parameters differ by orders of magnitude.
     scale = np.sqrt(np.diag(A))
     expected = (A - B @ np.linalg.solve(D, B.T)) / np.outer(scale, scale)
-    prior = training_prior(node)
+    prior = training_prior(fitted)
     np.testing.assert_array_equal(prior.positions, np.arange(n))
-    np.testing.assert_array_equal(prior.mean, node.fit.theta[:n])
+    np.testing.assert_array_equal(prior.mean, fitted.fit.theta[:n])
     np.testing.assert_allclose(prior.information / np.outer(scale, scale), expected, rtol=0, atol=1e-7)
     assert np.linalg.eigvalsh(expected)[0] > 0
 
 
-def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(node: Node) -> None:
+def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -> None:
     validation = [planted([SensorLag("q")], LAG, 9)]
-    out = held_out(node, validation, measured_masks(validation, OUTPUTS))
+    out = held_out(fitted, validation, measured_masks(validation, OUTPUTS))
     assert out.frozen is not None and out.informed is not None
-    shared = node.values.shared
+    shared = fitted.values.shared
     assert "sensor-lag:q.time_constant" in shared and "Cm_alpha" in shared
     frozen = out.frozen.layout.system.parameters
     assert {name: frozen[name].value for name in shared} == shared
@@ -145,33 +145,33 @@ def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(node: Node) -> None:
     # Under training's knowledge they move, by no more than both records together allow.
     moved = out.informed.theta[: len(shared)] - np.array(list(shared.values()))
     assert np.any(moved != 0)
-    prior = training_prior(node)
+    prior = training_prior(fitted)
     assert 0.5 * moved @ prior.information @ moved < 0.5 * len(shared) + 15.0
     assert not doubted(out)
 
 
-def test_events_are_looked_for_anew_in_held_out_records(node: Node) -> None:
+def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> None:
     """The event of a held-out record is at another time, and of another sign, than those of training."""
     there = {**PULSE, "unmeasured-input.start": 7.0, "unmeasured-input.moment": -0.006}
-    out = held_out(node, [planted([SensorLag("q"), UnmeasuredInput()], {**LAG, **there}, 9)], None, informed=False)
+    out = held_out(fitted, [planted([SensorLag("q"), UnmeasuredInput()], {**LAG, **there}, 9)], None, informed=False)
     assert out.frozen is not None and out.informed is None
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
     assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15)
     assert own["unmeasured-input.moment"] < -0.003
 
 
-def test_wrong_frozen_values_are_doubted(node: Node) -> None:
+def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
     validation = [planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)]
-    without = fitted(search_of([planted(seed=1)]))
+    without = fit_of(search_of([planted(seed=1)]))
     assert doubted(held_out(without, validation, None))
 
 
-def test_a_prediction_covers_every_row_also_where_the_fit_failed(node: Node) -> None:
+def test_a_prediction_covers_every_row_also_where_the_fit_failed(fitted: FittedModel) -> None:
     record = planted(seed=9)
     values = record["alpha"].values.copy()
     values[5:50] = np.nan
     record = with_output(record, "alpha", values)
-    out = held_out(node, [record], None, informed=False)
+    out = held_out(fitted, [record], None, informed=False)
     rows = prediction(out.frozen, 0, record, OUTPUTS)
     assert rows.shape == (3, len(record)) and np.all(np.isfinite(rows))
     failed = prediction(None, 0, record, ["nz", "alpha"])
@@ -179,18 +179,18 @@ def test_a_prediction_covers_every_row_also_where_the_fit_failed(node: Node) -> 
     np.testing.assert_allclose(failed[1], np.nanmean(values))
 
 
-def test_a_fit_that_fails_says_so(node: Node) -> None:
+def test_a_fit_that_fails_says_so(fitted: FittedModel) -> None:
     """An input beyond the range of floats has no finite cost."""
     record = planted(seed=9)
     elevator = Channel.of("elevator", "rad", 1e300 * record["elevator"].values)
     broken = Record(record.time, (elevator,), record.outputs, record.hold)
-    assert held_out(node, [broken], None, informed=False).frozen is None
+    assert held_out(fitted, [broken], None, informed=False).frozen is None
 
 
 def test_what_was_weighed_on_held_out_data_keeps_its_change() -> None:
     record, other = planted([SensorLag("q")], LAG, 1), planted([SensorLag("q")], LAG, 2)
     search = search_of([record])
-    root, lagged = fitted(search), fitted(search, (SensorLag("q"),), None, LAG)
+    root, lagged = fit_of(search), fit_of(search, (SensorLag("q"),), None, LAG)
     before = held_out(root, [other], None, informed=False)
     gain = root.fit.cost - lagged.fit.cost
     weighed = Candidate(1, (), "sensor-lag:q", gain, 0.0, True, True, {}, -0.3)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.tracing.replication.between_records import growth
+from ident.tracing.replication.between_records import inflation
 
 
 def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None:
@@ -19,7 +19,7 @@ def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None
             values = 2.0 * sigma * rng.standard_normal((6, count))
             weight = sigma**-2
             mean, std = np.sum(weight * values, axis=1) / weight.sum(axis=1), weight.sum(axis=1) ** -0.5
-            held += int(np.count_nonzero(np.abs(mean) < 2.0 * growth(values, sigma) * std))
+            held += int(np.count_nonzero(np.abs(mean) < 2.0 * inflation(values, sigma) * std))
         assert 0.93 < held / (6 * flights) < 0.985, (count, held / (6 * flights))
 
 
@@ -31,7 +31,7 @@ def test_one_derivative_borrows_from_none() -> None:
         values = 10.0 * sigma * rng.standard_normal(sigma.shape)
         weight = sigma**-2
         mean, std = np.sum(weight * values, axis=2) / weight.sum(axis=2), weight.sum(axis=2) ** -0.5
-        held = np.mean([abs(m[0]) < 2.0 * growth(v, s)[0] * d[0] for m, v, s, d in zip(mean, values, sigma, std, strict=True)])
+        held = np.mean([abs(m[0]) < 2.0 * inflation(v, s)[0] * d[0] for m, v, s, d in zip(mean, values, sigma, std, strict=True)])
         assert 0.94 < held < 0.97, (count, held)
 
 
@@ -40,7 +40,7 @@ def test_one_derivative_that_differs_does_not_take_the_others_with_it() -> None:
     values = np.tile([1.0, -1.0, 1.0, -1.0, 0.0], (6, 1))
     wild = values.copy()
     wild[0] *= 20.0
-    calm, one = growth(values, sigma), growth(wild, sigma)
+    calm, one = inflation(values, sigma), inflation(wild, sigma)
     assert one[0] > 8.0 and np.allclose(one[1:], calm[1:])
 
 
@@ -48,6 +48,6 @@ def test_one_derivative_that_differs_does_not_take_the_others_with_it() -> None:
 def test_growth_knows_no_unit_and_never_shrinks(count: int, rows: int, seed: int, unit: float) -> None:
     rng = np.random.default_rng(seed)
     values, sigma = rng.standard_normal((rows, count)), rng.uniform(0.1, 1.0, (rows, count))
-    factors = growth(values, sigma)
+    factors = inflation(values, sigma)
     assert np.all(factors >= 1.0) and np.all(np.isfinite(factors))
-    assert np.allclose(growth(unit * values + 3.0 * unit, unit * sigma), factors)
+    assert np.allclose(inflation(unit * values + 3.0 * unit, unit * sigma), factors)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import Node, carried, compiled_with, free_names
+from ident.tracing.candidate_model.fitted_model import FittedModel, carried, compiled_with, free_names
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Claim, Verdict
-from ident.tracing.selection.backward import look_back, refined
+from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.expansion import expand
-from ident.tracing.selection.forward import first_round, grow, hopeless
+from ident.tracing.selection.forward import first_round, forward_selection, hopeless
 from ident.tracing.selection.search import Search
 from ident.tracing.validation.held_out import HeldOut, held_out
 from ident.tracing.verdict import judge
@@ -29,17 +29,17 @@ from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Record
 from sim.truth.noise import coloured_noise
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fitted, planted, search_of, with_output
+from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, search_of, with_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 FEW: tuple[Effect, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
 
 
-def found_by(records: Sequence[Record], candidates: Sequence[Effect] = FEW) -> tuple[Search, Node, Node]:
+def found_by(records: Sequence[Record], candidates: Sequence[Effect] = FEW) -> tuple[Search, FittedModel, FittedModel]:
     """A search, its root and the set it ends with."""
     search = search_of(records, candidates)
-    root = fitted(search)
-    return search, root, refined(search, look_back(search, grow(search, root, first_round(search, root))))
+    root = fit_of(search)
+    return search, root, refined(search, backward_elimination(search, forward_selection(search, root, first_round(search, root))))
 
 
 # Nodes.
@@ -49,7 +49,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
     """A smaller model's values begin a larger one's fit, and the other way round; what is new begins as told, or as declared."""
     records = [planted([SensorLag("q")], LAG, seed) for seed in (1, 2)]
     search = search_of(records)
-    small = fitted(search, [SensorScale("nz")])
+    small = fit_of(search, [SensorScale("nz")])
     effects = (SensorDrift("q", "rad/s", 5e-4), SensorLag("q"), SensorScale("nz"))
     _, system = compiled_with(declared(), effects, OUTPUTS)
     layout = lay_out(records, system, FitSettings(max_step=0.02), local=["sensor-drift:q.slope"])
@@ -69,7 +69,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
     for guess, line in zip(guesses, small.fit.lines, strict=True):
         np.testing.assert_array_equal(guess, line.states)
     # Back: what the smaller model lacks is left behind.
-    large = fitted(search, effects, small, {"sensor-lag:q.time_constant": 0.05})
+    large = fit_of(search, effects, small, {"sensor-lag:q.time_constant": 0.05})
     back, _ = carried(small.fit.layout, large.values, {})
     shared = {**large.values.shared}
     assert {name: value for name, value in zip(small.fit.layout.shared, back, strict=False)} == {
@@ -79,7 +79,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
 
 def test_added_states_begin_at_rest() -> None:
     search = search_of([planted()])
-    root = fitted(search)
+    root = fit_of(search)
     _, system = compiled_with(declared(), [find_effect("elastic-mode", ShortPeriod())], OUTPUTS)
     layout = lay_out(search.records, system, FitSettings(max_step=0.02))
     _, guesses = carried(layout, root.values, {})
@@ -90,9 +90,9 @@ def test_added_states_begin_at_rest() -> None:
 
 def test_a_fit_begun_at_its_own_end_stays_there() -> None:
     search = search_of([planted([SensorLag("q")], LAG)])
-    node = fitted(search, [SensorLag("q")])
-    again = fitted(search, [SensorLag("q")], node)
-    assert again.fit.cost == pytest.approx(node.fit.cost, abs=1e-6)
+    fitted = fit_of(search, [SensorLag("q")])
+    again = fit_of(search, [SensorLag("q")], fitted)
+    assert again.fit.cost == pytest.approx(fitted.fit.cost, abs=1e-6)
     assert again.fit.iterations <= 3
 
 
@@ -101,24 +101,24 @@ def test_parameters_of_an_effect_of_one_record_are_local() -> None:
     drift = SensorDrift("q", "rad/s", 5e-4)
     effects = (drift, SensorScale("nz"))
     records = [planted(effects, {"sensor-drift:q.slope": slope, "sensor-scale:nz.scale": 1.2}, seed) for seed, slope in ((1, 0.002), (2, -0.003))]
-    node = fitted(search_of(records), effects)
-    assert "sensor-scale:nz.scale" in node.fit.layout.shared
-    assert node.fit.layout.local[-1] == "sensor-drift:q.slope"
-    assert [own["sensor-drift:q.slope"] for own in node.values.own] == [pytest.approx(0.002, abs=2e-4), pytest.approx(-0.003, abs=2e-4)]
-    assert node.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.2, abs=0.02)
+    fitted = fit_of(search_of(records), effects)
+    assert "sensor-scale:nz.scale" in fitted.fit.layout.shared
+    assert fitted.fit.layout.local[-1] == "sensor-drift:q.slope"
+    assert [own["sensor-drift:q.slope"] for own in fitted.values.own] == [pytest.approx(0.002, abs=2e-4), pytest.approx(-0.003, abs=2e-4)]
+    assert fitted.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.2, abs=0.02)
     # Three parameters are paid for: one a record, one for both.
-    assert node.added == 3
-    assert node.criterion == pytest.approx(2.0 * node.fit.cost + 3.0 * np.log(2 * 3 * len(records[0])))
-    shown = quantities(node, drift)["slope"]
+    assert fitted.added == 3
+    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 3.0 * np.log(2 * 3 * len(records[0])))
+    shown = quantities(fitted, drift)["slope"]
     # Of the record in which it stands out most.
-    assert shown.value == node.values.own[1]["sensor-drift:q.slope"] and shown.std > 0 and shown.unit == "rad/s/s"
+    assert shown.value == fitted.values.own[1]["sensor-drift:q.slope"] and shown.std > 0 and shown.unit == "rad/s/s"
 
 
 def test_an_event_pays_for_its_place() -> None:
     search = search_of([planted()])
-    node = fitted(search, [UnmeasuredInput()])
+    fitted = fit_of(search, [UnmeasuredInput()])
     assert len(free_names(UnmeasuredInput())) == 4
-    assert node.criterion == pytest.approx(2.0 * node.fit.cost + 4.0 * np.log(node.fit.counts.sum()) + SETTINGS.event)
+    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 4.0 * np.log(fitted.fit.counts.sum()) + SETTINGS.event)
 
 
 def test_bad_starts_leave_no_node() -> None:
@@ -164,12 +164,12 @@ def test_an_event_of_one_of_two_records_is_found() -> None:
 
 def test_a_useless_effect_is_dropped_again() -> None:
     search = search_of([planted([SensorLag("q")], LAG)], FEW)
-    root = fitted(search)
+    root = fit_of(search)
     search.keep(root, root.criterion)
-    lag = fitted(search, [SensorLag("q")], root)
-    both = fitted(search, [SensorScale("nz"), SensorLag("q")], lag)
+    lag = fit_of(search, [SensorLag("q")], root)
+    both = fit_of(search, [SensorScale("nz"), SensorLag("q")], lag)
     search.keep(both, search.score(root) - search.gain(root, lag) - search.gain(lag, both))
-    best = look_back(search, both)
+    best = backward_elimination(search, both)
     assert best.names == ("sensor-lag:q",)
     assert any("sensor-scale:nz is no longer needed" in step.sentence for step in search.steps)
     assert search.score(best) < search.score(both)
@@ -178,18 +178,18 @@ def test_a_useless_effect_is_dropped_again() -> None:
 def test_what_is_needed_is_kept() -> None:
     effects = (SensorScale("nz"), SensorLag("q"))
     search = search_of([planted(effects, {**LAG, "sensor-scale:nz.scale": 1.3})], FEW)
-    root = fitted(search)
-    both = fitted(search, effects, root)
+    root = fit_of(search)
+    both = fit_of(search, effects, root)
     search.keep(both, both.criterion)
-    assert look_back(search, both) is both
+    assert backward_elimination(search, both) is both
 
 
 def test_an_exhausted_search_adds_nothing() -> None:
     search = search_of([planted([SensorLag("q")], LAG)], FEW, replace(SETTINGS, budget=0.0))
-    root = fitted(search)
+    root = fit_of(search)
     assert search.exhausted
     assert expand(search, root, 1) == []
-    assert search.evidence == [] and grow(search, root, first_round(search, root)).names == ()
+    assert search.evidence == [] and forward_selection(search, root, first_round(search, root)).names == ()
 
 
 def test_work_is_counted_and_ends_the_search() -> None:
@@ -198,15 +198,15 @@ def test_work_is_counted_and_ends_the_search() -> None:
         [SensorLag("q"), SensorScale("nz"), SensorLag("alpha")], {**LAG, "sensor-scale:nz.scale": 1.3, "sensor-lag:alpha.time_constant": 0.1}
     )
     free = search_of([record], FEW)
-    root = fitted(free)
-    grow(free, root, first_round(free, root))
+    root = fit_of(free)
+    forward_selection(free, root, first_round(free, root))
     before = search_of([record], FEW)
-    fitted(before)
+    fit_of(before)
     assert 0.0 < before.spent < 0.3 * free.spent
     tight = search_of([record], FEW, replace(SETTINGS, budget=before.spent + 0.5))
-    root = fitted(tight)
+    root = fit_of(tight)
     assert tight.spent < tight.settings.budget
-    grow(tight, root, first_round(tight, root))
+    forward_selection(tight, root, first_round(tight, root))
     assert tight.exhausted
     assert tight.spent < 0.6 * free.spent
     assert sum(candidate.fitted for candidate in tight.evidence) < sum(candidate.fitted for candidate in free.evidence)
@@ -214,7 +214,7 @@ def test_work_is_counted_and_ends_the_search() -> None:
 
 def test_a_set_is_expanded_only_once() -> None:
     search = search_of([planted([SensorLag("q")], LAG)], (SensorLag("q"), SensorScale("nz")))
-    root = fitted(search)
+    root = fit_of(search)
     search.keep(root, root.criterion)
     assert [child.names for child in expand(search, root, 1)] == [("sensor-lag:q",)]
     told = len(search.evidence)
@@ -223,7 +223,7 @@ def test_a_set_is_expanded_only_once() -> None:
 
 def test_the_better_of_two_fits_of_a_set_is_kept() -> None:
     search = search_of([planted()])
-    root = fitted(search)
+    root = fit_of(search)
     search.keep(root, 10.0)
     search.keep(root, 20.0)
     assert search.score(root) == 10.0
@@ -244,8 +244,8 @@ def judged(
     tests: Sequence[ResidualTest] = (FINE,),
 ) -> tuple[Verdict, list[str]]:
     search = search_of([planted([SensorLag("q")], LAG)])
-    root = fitted(search)
-    best = fitted(search, names, root) if names else root
+    root = fit_of(search)
+    best = fit_of(search, names, root) if names else root
     return judge(search, root, best, claims, tests, NOTHING, NOTHING, SETTINGS)
 
 
@@ -274,11 +274,11 @@ def test_what_remains_not_noise_is_unexplained_or_partial_but_never_traced() -> 
 def test_effects_that_worsen_held_out_data_are_not_traced() -> None:
     """Two nodes on a record without the lag: the one that has it predicts worse, and may not claim it."""
     search = search_of([planted([SensorLag("q")], LAG)])
-    root = fitted(search)
-    best = fitted(search, [SensorLag("q")], root)
+    root = fit_of(search)
+    best = fit_of(search, [SensorLag("q")], root)
     for values, verdict in (({}, Verdict.UNEXPLAINED), (LAG, Verdict.TRACED)):
         validation = [planted([SensorLag("q")] if values else [], values, 7)]
-        out = [held_out(node, validation, None, informed=False) for node in (root, best)]
+        out = [held_out(fitted, validation, None, informed=False) for fitted in (root, best)]
         found, _ = judge(search, root, best, [Claim("sensor-lag:q", {})], (FINE,), out[0], out[1], SETTINGS)
         assert found is verdict
 
@@ -286,8 +286,8 @@ def test_effects_that_worsen_held_out_data_are_not_traced() -> None:
 def test_a_held_out_fit_that_failed_is_not_traced() -> None:
     validation = [planted([SensorLag("q")], LAG, 7)]
     search = replace(search_of([planted([SensorLag("q")], LAG)]), beside=validation)
-    root = fitted(search)
-    best = fitted(search, [SensorLag("q")], root)
+    root = fit_of(search)
+    best = fit_of(search, [SensorLag("q")], root)
     good = held_out(root, validation, None, informed=False)
     for before in (good, NOTHING):
         found, warnings = judge(search, root, best, [Claim("sensor-lag:q", {})], (FINE,), before, NOTHING, SETTINGS)
@@ -306,7 +306,7 @@ def test_a_set_is_hopeless_where_colour_stays_that_random_motion_does_not_take_i
     candidates = (*FEW, GustTurbulence())
     plain = [planted([], None, 1), planted([], None, 2)]
     noisy = search_of([coloured(record) for record in plain], candidates)
-    assert hopeless(noisy, fitted(noisy))
+    assert hopeless(noisy, fit_of(noisy))
     white, one = search_of(plain, candidates), search_of([coloured(plain[0])], candidates)
-    assert not hopeless(white, fitted(white))
-    assert not hopeless(one, fitted(one))
+    assert not hopeless(white, fit_of(white))
+    assert not hopeless(one, fit_of(one))

@@ -8,25 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.selection.criterion import few_samples, is_coloured_throughout, is_white, unevenness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
-from tests.tracing_problem import fitted, planted, search_of, with_output, without_output
+from tests.tracing_problem import fit_of, planted, search_of, with_output, without_output
 
 PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
 
 
 @pytest.fixture(scope="module")
-def root() -> Node:
-    return fitted(search_of([planted()]))
+def root() -> FittedModel:
+    return fit_of(search_of([planted()]))
 
 
-def with_residuals(node: Node, residuals: Sequence[np.ndarray], lift: np.ndarray | float = 0.0) -> Node:
+def with_residuals(fitted: FittedModel, residuals: Sequence[np.ndarray], lift: np.ndarray | float = 0.0) -> FittedModel:
     """The node with other residuals, and with fitted outputs raised by ``lift``."""
-    lines = tuple(replace(line, y=line.y + lift) for line in node.fit.lines)
-    return replace(node, fit=replace(node.fit, lines=lines, weighed=replace(node.fit.weighed, residuals=tuple(residuals))))
+    lines = tuple(replace(line, y=line.y + lift) for line in fitted.fit.lines)
+    return replace(fitted, fit=replace(fitted.fit, lines=lines, weighed=replace(fitted.fit.weighed, residuals=tuple(residuals))))
 
 
 def spoiled(record: Record, first: float, factor: float) -> Record:
@@ -43,8 +43,8 @@ def spoiled(record: Record, first: float, factor: float) -> Record:
 def test_unevenness_is_about_one_on_gaussian_residuals(seed: int) -> None:
     lag = SensorLag("q")
     search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05}, seed)])
-    root = fitted(search)
-    child = fitted(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    root = fit_of(search)
+    child = fit_of(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
     # A mean of squares weighted over some hundred samples scatters by a tenth.
     assert 1.0 <= unevenness(root, child) < 1.3
 
@@ -55,8 +55,8 @@ def test_unevenness_is_large_where_large_residuals_coincide_with_the_change() ->
     found = {}
     for first in (4.0, 7.8):
         search = search_of([spoiled(planted([effect], PULSE), first, 4.0)])
-        root = fitted(search)
-        child = fitted(search, [effect], root, PULSE)
+        root = fit_of(search)
+        child = fit_of(search, [effect], root, PULSE)
         found[first] = unevenness(root, child)
         price = 4.0 * np.log(child.fit.counts.sum()) + search.settings.event
         assert search.gain(root, child) <= 2.0 * (root.fit.cost - child.fit.cost) / found[first] - price + 1e-9
@@ -64,7 +64,7 @@ def test_unevenness_is_large_where_large_residuals_coincide_with_the_change() ->
     assert found[7.8] < 1.1
 
 
-def test_unevenness_by_hand(root: Node) -> None:
+def test_unevenness_by_hand(root: FittedModel) -> None:
     rng = np.random.default_rng(1)
     shape = root.fit.residuals[0].shape
     e, change = rng.standard_normal(shape) * np.array([[1.0], [2.0], [3.0]]), rng.standard_normal(shape)
@@ -77,7 +77,7 @@ def test_unevenness_by_hand(root: Node) -> None:
     assert unevenness(root, root) == 1.0
 
 
-def test_few_samples_is_the_share_of_the_three_most_improved(root: Node) -> None:
+def test_few_samples_is_the_share_of_the_three_most_improved(root: FittedModel) -> None:
     residual = root.fit.residuals[0]
     sigma = np.sqrt(root.fit.variance)
     before = residual.copy()
@@ -100,39 +100,39 @@ def test_few_samples_is_the_share_of_the_three_most_improved(root: Node) -> None
 def test_a_real_effect_does_not_hang_on_few_samples() -> None:
     lag = SensorLag("q")
     search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05})])
-    root = fitted(search)
-    child = fitted(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    root = fit_of(search)
+    child = fit_of(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
     assert few_samples(root, child) < 0.2
     assert search.gain(root, child) > 100.0
 
 
-def test_is_white_of_the_right_set_and_of_a_lacking_one(root: Node) -> None:
+def test_is_white_of_the_right_set_and_of_a_lacking_one(root: FittedModel) -> None:
     assert is_white(root)
     search = search_of([planted([UnmeasuredInput()], PULSE)])
-    lacking = fitted(search)
+    lacking = fit_of(search)
     assert not is_white(lacking)
-    assert is_white(fitted(search, [UnmeasuredInput()], lacking, PULSE))
+    assert is_white(fit_of(search, [UnmeasuredInput()], lacking, PULSE))
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
-def test_one_coloured_channel_is_enough(root: Node, channel: int) -> None:
+def test_one_coloured_channel_is_enough(root: FittedModel, channel: int) -> None:
     residual = root.fit.residuals[0].copy()
     residual[channel] = np.convolve(residual[channel], [0.5, 0.5], mode="same")
     assert not is_white(with_residuals(root, [residual]))
 
 
-def test_whiteness_is_asked_at_the_level_given(root: Node) -> None:
+def test_whiteness_is_asked_at_the_level_given(root: FittedModel) -> None:
     """A weak colour: white at one in a billion, not at one in ten."""
     residual = root.fit.residuals[0].copy()
     residual[0] = np.convolve(residual[0], [0.1, 0.9, 0.0], mode="same")
-    node = with_residuals(root, [residual])
-    assert is_white(node, 1e-9)
-    assert not is_white(node, 0.999)
+    fitted = with_residuals(root, [residual])
+    assert is_white(fitted, 1e-9)
+    assert not is_white(fitted, 0.999)
 
 
 def test_a_channel_that_one_record_lacks_does_not_make_it_white() -> None:
-    node = fitted(search_of([planted([], None, 1), without_output(planted([], None, 2), "nz")]))
+    fitted = fit_of(search_of([planted([], None, 1), without_output(planted([], None, 2), "nz")]))
     rng = np.random.default_rng(1)
-    wandering = [np.where(problem.valid, np.cumsum(rng.standard_normal(problem.valid.shape), axis=1), 0.0) for problem in node.fit.layout.problems]
-    assert is_coloured_throughout(with_residuals(node, wandering), 1e-20)
-    assert not is_coloured_throughout(node, 1e-20) and is_white(node)
+    wandering = [np.where(problem.valid, np.cumsum(rng.standard_normal(problem.valid.shape), axis=1), 0.0) for problem in fitted.fit.layout.problems]
+    assert is_coloured_throughout(with_residuals(fitted, wandering), 1e-20)
+    assert not is_coloured_throughout(fitted, 1e-20) and is_white(fitted)

@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import Node
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Occasion, Probe
+from sim.declaration.proposal import Probe, SearchContext
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -24,7 +24,7 @@ from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.maths.elementary import each_column
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import fitted, planted, search_of
+from tests.tracing_problem import fit_of, planted, search_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ControlPower:
     plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     explanation: ClassVar[str] = "The control is more powerful."
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"more": 0.0}, ("more",))]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
@@ -72,7 +72,7 @@ class MomentOfControlSquared:
     def parameters(self) -> tuple[Parameter, ...]:
         return (Parameter("gain", 0.0, "1/rad2", bounds=self.bounds),)
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"gain": 0.0}, ("gain",))]
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -82,13 +82,13 @@ class MomentOfControlSquared:
         return ()
 
 
-def found(node: Node, *effects: Effect) -> list[Finding]:
-    return screen(node, effects, occasion_at(node))
+def found(fitted: FittedModel, *effects: Effect) -> list[Finding]:
+    return screen(fitted, effects, search_context(fitted))
 
 
-def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[Search, Node]:
+def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[Search, FittedModel]:
     search = search_of([planted(effects, values, seed)])
-    return search, fitted(search)
+    return search, fit_of(search)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None =
 def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Effect, values: dict[str, float]) -> None:
     search, root = root_of([effect], values)
     (finding,) = found(root, effect)
-    child = fitted(search, [effect], root, finding.starts[0])
+    child = fit_of(search, [effect], root, finding.starts[0])
     gain = root.fit.cost - child.fit.cost
     assert gain > 4.0
     assert finding.gain == pytest.approx(gain, rel=0.05)
@@ -119,13 +119,13 @@ def test_what_the_declared_parameters_absorb_gains_nothing() -> None:
     _, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.2})
     assert found(root, SensorScale("q"))[0].gain > 100.0
     findings = found(root, ControlPower())
-    # The signature stands in the node's own space: nothing is left of it but rounding, or only what rounding can explain.
+    # The signature stands in the fitted model's own space: nothing is left of it but rounding, or only what rounding can explain.
     assert not findings or findings[0].gain < 1e-3
 
 
 def test_an_effect_in_the_set_is_not_proposed_again() -> None:
     search, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
-    child = fitted(search, [SensorScale("q")], root)
+    child = fit_of(search, [SensorScale("q")], root)
     assert [finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))] == ["sensor-scale:nz"]
 
 
@@ -152,11 +152,11 @@ class EveryOnset:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)
 
-    def fitted_to(self, occasion: Occasion) -> EveryOnset:
-        return replace(self, inner=self.inner.fitted_to(occasion))  # type: ignore[arg-type]
+    def fitted_to(self, context: SearchContext) -> EveryOnset:
+        return replace(self, inner=self.inner.fitted_to(context))  # type: ignore[arg-type]
 
-    def probes(self, occasion: Occasion) -> Sequence[Probe]:
-        probes = self.inner.probes(occasion)
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        probes = self.inner.probes(context)
         return [Probe({**probe.values, "start": start}, probe.slopes) for probe in probes for start in self.starts]
 
 
@@ -166,7 +166,7 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
     values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.004, "unmeasured-input.lift": 0.0}
     _, root = root_of([effect], values)
     (shifted,) = found(root, effect)
-    width = effect.fitted_to(occasion_at(root)).width  # type: ignore[attr-defined]
+    width = effect.fitted_to(search_context(root)).width  # type: ignore[attr-defined]
     places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
     (direct,) = found(root, EveryOnset(effect, places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)
@@ -206,7 +206,7 @@ def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) ->
     effect = UnmeasuredInput()
     values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
     records = [planted([effect], values, 1), planted(seed=2)]
-    root = fitted(search_of(records if which == 0 else records[::-1]))
+    root = fit_of(search_of(records if which == 0 else records[::-1]))
     (finding,) = found(root, effect)
     assert finding.gain > 50.0
     # Each record has all four for itself.

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import Node
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.replication.by_record import Flight, Replication, replicate
-from ident.tracing.replication.comparison import Standing, choose
-from ident.tracing.replication.cross_validation import standing_effects, within_reach, without_record
+from ident.tracing.replication.comparison import CrossValidation, choose
+from ident.tracing.replication.cross_validation import cross_validate, within_reach, without_record
 from ident.tracing.replication.error_reduction import reduction
-from ident.tracing.screening.occasion import occasion_at
+from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import joint_fall, likely_pairs
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.form_spread import form_spread
@@ -37,7 +37,7 @@ from sim.record import Record
 from sim.truth.noise import coloured_noise
 from tests.bases import Flight as Flown
 from tests.bases import rigid_flight
-from tests.tracing_problem import OUTPUTS, declared, fitted, planted, search_of, with_output
+from tests.tracing_problem import OUTPUTS, declared, fit_of, planted, search_of, with_output
 
 LATE = SensorDelay("alpha")
 SCALED = SensorScale("q")
@@ -68,14 +68,14 @@ def clean() -> Flight:
     return flight_of([coloured(planted([], None, seed), seed) for seed in (4, 5, 6)])
 
 
-def root_of(flight: Flight) -> Node:
-    return fitted(search_of(list(flight.records)))
+def root_of(flight: Flight) -> FittedModel:
+    return fit_of(search_of(list(flight.records)))
 
 
 def test_a_cause_stands_in_coloured_noise_and_comes_out_alike(late: Flight) -> None:
-    stood, weighed = standing_effects(late, (LATE, SCALED, *GUARDS[:3]), root_of(late))
-    assert [item.best.effect.name for item in stood] == ["sensor-delay:alpha"]
-    best = stood[0].best
+    validated, weighed = cross_validate(late, (LATE, SCALED, *GUARDS[:3]), root_of(late))
+    assert [item.best.effect.name for item in validated] == ["sensor-delay:alpha"]
+    best = validated[0].best
     assert best.replication.agrees and all(change < 0 for change in best.reduction.by_record)
     for found in best.replication.values:
         assert found["delay"].value == pytest.approx(0.08, abs=4.0 * found["delay"].std)
@@ -83,8 +83,8 @@ def test_a_cause_stands_in_coloured_noise_and_comes_out_alike(late: Flight) -> N
 
 
 def test_nothing_stands_where_there_is_only_colour(clean: Flight) -> None:
-    stood, weighed = standing_effects(clean, (LATE, SCALED, InputDeadband("elevator", "rad", 0.01), *GUARDS[:3]), root_of(clean))
-    assert stood == []
+    validated, weighed = cross_validate(clean, (LATE, SCALED, InputDeadband("elevator", "rad", 0.01), *GUARDS[:3]), root_of(clean))
+    assert validated == []
     assert not any(item.stands for item in weighed)
 
 
@@ -92,16 +92,16 @@ def test_what_differs_from_record_to_record_does_not_replicate(late: Flight) -> 
     """The same delay, but in one record of three."""
     one = planted([LATE], {"sensor-delay:alpha.delay": 0.12}, 1)
     flight = flight_of([one, planted([], None, 2), planted([], None, 3)])
-    node = flight.fit((LATE,), range(3), None, {"sensor-delay:alpha.delay": 0.04})
-    assert node is not None
-    copies = replicate(flight, node, LATE)
+    fitted = flight.fit((LATE,), range(3), None, {"sensor-delay:alpha.delay": 0.04})
+    assert fitted is not None
+    copies = replicate(flight, fitted, LATE)
     assert not copies.agrees
     assert [found["delay"].value for found in copies.values] == [pytest.approx(0.12, abs=0.01), *[pytest.approx(0.0, abs=0.01)] * 2]
 
 
 def test_leaving_a_record_out_by_one_step_is_nearly_a_fit_to_the_others(late: Flight) -> None:
-    everything = fitted(search_of(list(late.records)), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
-    others = fitted(search_of(list(late.records[1:])), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    everything = fit_of(search_of(list(late.records)), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    others = fit_of(search_of(list(late.records[1:])), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
     stepped = without_record(everything, 0).values.shared
     sigma = np.sqrt(np.diag(fit_covariance(others.fit)[0]))
     away = {name: abs(stepped[name] - value) / sigma[i] for i, (name, value) in enumerate(others.values.shared.items())}
@@ -112,8 +112,8 @@ def test_leaving_a_record_out_by_one_step_is_nearly_a_fit_to_the_others(late: Fl
 
 def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> None:
     """Against errors of known size: half of alpha's error taken away is ln(1/2)/3 over three channels."""
-    node = root_of(late)
-    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
     halved = [replace(fit, weighed=replace(fit.weighed, residuals=(fit.residuals[0] * np.array([[0.5], [1.0], [1.0]]),))) for fit in before]
     found = reduction(before, halved)
@@ -126,40 +126,40 @@ def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> 
     assert abs(reduction(before, shuffled).total) < 3.0 * reduction(before, shuffled).scatter + 1e-9
 
 
-def standing(effect: Effect, node: Node, predictions: list[Fit], share: float, *, stands: bool = True) -> Standing:
+def standing(effect: Effect, fitted: FittedModel, predictions: list[Fit], share: float, *, stands: bool = True) -> CrossValidation:
     """A candidate that leaves this share of every error, with one parameter a name in ``absent``."""
     left = {
         r: replace(fit, weighed=replace(fit.weighed, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
     }  # the same errors, smaller: a difference without scatter
     lowered = reduction(predictions, [left[r] for r in sorted(left)])
     finding = Finding(effect, 10.0, len(effect.absent), ({},), (10.0,), np.ones(3))
-    return Standing(effect, finding, node, lowered, Replication((), stands), 100.0, stands, "", left)
+    return CrossValidation(effect, finding, fitted, lowered, Replication((), stands), 100.0, stands, "", left)
 
 
 def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_and_replicating(late: Flight) -> None:
-    node = root_of(late)
-    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
     guard = next(effect for effect in GUARDS if effect.name == "guard:alpha-q")
     squared = next(effect for effect in GUARDS if effect.name == "guard:control-squared")
     bend, curved = MomentNonlinearity(-0.1, 0.1), ControlNonlinearity()
-    effect = standing(bend, node, before, 0.6)
+    effect = standing(bend, fitted, before, 0.6)
     assert choose([effect]) is not None
-    assert choose([effect, standing(guard, node, before, 0.5)]) is None
-    assert choose([effect, standing(guard, node, before, 0.5, stands=False)]) is None
-    assert choose([effect, standing(guard, node, before, 0.7)]) is not None
-    assert choose([effect, standing(guard, node, before, 0.6)]) is None
-    assert choose([effect, standing(guard, node, before, 0.6, stands=False)]) is not None
+    assert choose([effect, standing(guard, fitted, before, 0.5)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.5, stands=False)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.7)]) is not None
+    assert choose([effect, standing(guard, fitted, before, 0.6)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.6, stands=False)]) is not None
     # What an effect contains speaks for it.
-    assert choose([standing(curved, node, before, 0.6), standing(squared, node, before, 0.5)]) is not None
-    assert choose([effect, standing(squared, node, before, 0.5)]) is None
+    assert choose([standing(curved, fitted, before, 0.6), standing(squared, fitted, before, 0.5)]) is not None
+    assert choose([effect, standing(squared, fitted, before, 0.5)]) is None
 
 
 def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from_record_to_record(late: Flight) -> None:
-    node = root_of(late)
-    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
-    best, differing = standing(SCALED, node, before, 0.6), standing(LATE, node, before, 0.59, stands=False)
+    best, differing = standing(SCALED, fitted, before, 0.6), standing(LATE, fitted, before, 0.59, stands=False)
     told = replace(differing, replication=Replication(({"delay": Quantity(0.1, 0.01, "s")},), False))
     apart = replace(told, finding=replace(told.finding, contribution=np.array([1.0, -1.0, 0.0])))
     assert [item.effect.name for item in choose([best, told]).others] == [LATE.name]  # type: ignore[union-attr]
@@ -167,10 +167,10 @@ def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from
 
 
 def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
-    node = fitted(search_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
-    frozen = [held_out(node, [record], None, informed=False).frozen for record in late.records]
+    fitted = fit_of(search_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
-    one, other = standing(LATE, node, before, 0.600), standing(SCALED, node, before, 0.605)
+    one, other = standing(LATE, fitted, before, 0.600), standing(SCALED, fitted, before, 0.605)
     asked: list[str] = []
 
     def witness(effect: str, parameters: Mapping[str, Quantity]) -> int:
@@ -181,18 +181,18 @@ def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> Non
     assert (second := choose([one, other], witness)) is not None and second.best is other and [item.effect for item in second.others] == [LATE]
     assert sorted(asked) == sorted([LATE.name, SCALED.name])
     asked.clear()
-    assert (third := choose([one, standing(SCALED, node, before, 0.8)], witness)) is not None and third.best is one and asked == []
+    assert (third := choose([one, standing(SCALED, fitted, before, 0.8)], witness)) is not None and third.best is one and asked == []
 
 
 def test_a_curve_is_not_asked_for_what_only_one_record_flew() -> None:
     flight = rigid_flight(8.0, 50.0)
     records = [planted([], None, seed, flight=Flown(flight.time, share * flight.u, max_step=0.02)) for seed, share in ((1, 1.0), (2, 1.0), (3, 2.0))]
-    node = root_of(flight_of(records))
-    bend = fitted_to(MomentNonlinearity(), occasion_at(node))
-    assert within_reach(node, bend) == [0, 1]
-    assert within_reach(node, SCALED) == [0, 1, 2]
+    fitted = root_of(flight_of(records))
+    bend = fitted_to(MomentNonlinearity(), search_context(fitted))
+    assert within_reach(fitted, bend) == [0, 1]
+    assert within_reach(fitted, SCALED) == [0, 1, 2]
     alike = root_of(flight_of(records[:2]))
-    assert within_reach(alike, fitted_to(MomentNonlinearity(), occasion_at(alike))) == [0, 1]
+    assert within_reach(alike, fitted_to(MomentNonlinearity(), search_context(alike))) == [0, 1]
 
 
 def test_inputs_about_their_trim() -> None:
@@ -212,9 +212,9 @@ def test_inputs_about_their_trim() -> None:
 def test_settings_for_replication_are_those_of_a_search() -> None:
     """A fit of a Flight is that of the engine at twice the declared step."""
     flight = flight_of([planted([], None, 1)])
-    node = flight.fit((), [0], None)
-    assert node is not None and node.fit.layout.settings.max_step == FitSettings(max_step=0.04).max_step
-    assert not any(isinstance(effect, GustDiscrete) for effect in node.effects)
+    fitted = flight.fit((), [0], None)
+    assert fitted is not None and fitted.fit.layout.settings.max_step == FitSettings(max_step=0.04).max_step
+    assert not any(isinstance(effect, GustDiscrete) for effect in fitted.effects)
 
 
 def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
@@ -224,11 +224,11 @@ def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
     sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {"moment-nonlinearity.shape6": 0.01}
     record = planted([bend.finer()], sharp, 1)
     search = search_of([record])
-    node = fitted(search, (bend,), None, values)
-    spread = form_spread(search, node)
+    fitted = fit_of(search, (bend,), None, values)
+    spread = form_spread(search, fitted)
     assert set(spread) <= set(declared().parameters.names) and spread["Cm_alpha"] > 0.0
     plain = search_of([planted([], None, 1)])
-    assert form_spread(plain, fitted(plain, (LATE,))) == {}
+    assert form_spread(plain, fit_of(plain, (LATE,))) == {}
 
 
 def test_two_faults_that_hide_each_other_are_found_as_a_pair() -> None:
@@ -236,8 +236,8 @@ def test_two_faults_that_hide_each_other_are_found_as_a_pair() -> None:
     values = {"sensor-scale:nz.scale": 1.35, "sensor-delay:q.delay": 0.04}
     scale, late = SensorScale("nz"), SensorDelay("q")
     flight = flight_of([coloured(planted([scale, late], values, seed), seed) for seed in (1, 2, 3)])
-    stood, _ = standing_effects(flight, (LATE, SCALED, scale, late, *GUARDS[:3]), root_of(flight))
-    assert {item.best.effect.name for item in stood} == {"sensor-scale:nz", "sensor-delay:q"}
+    validated, _ = cross_validate(flight, (LATE, SCALED, scale, late, *GUARDS[:3]), root_of(flight))
+    assert {item.best.effect.name for item in validated} == {"sensor-scale:nz", "sensor-delay:q"}
 
 
 def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:

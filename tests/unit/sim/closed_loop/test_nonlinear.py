@@ -144,7 +144,7 @@ def test_skewed_record_takes_its_outputs_before_the_stick() -> None:
     whole = fly_closed_loop(replace(flown, stick=replace(flown.stick, recorded_skew=2 * flown.frame)), stick, 8.0)[0]
     np.testing.assert_allclose(whole["q"].values[1:], plain["q"].values[:-1], atol=1e-14)
     assert whole["q"].values[0] == 0.0 and whole["nz"].values[0] == 1.0
-    # Between frames the truth is not kept: linear interpolation is off by an eighth of the second difference at most.
+    # RecordScatter frames the truth is not kept: linear interpolation is off by an eighth of the second difference at most.
     between = np.interp(late.time - 0.005, truth.time, truth.q)
     curvature = np.max(np.abs(np.diff(truth.q, 2))) / 8.0
     assert np.max(np.abs(late["q"].values - between)) <= 1.05 * curvature

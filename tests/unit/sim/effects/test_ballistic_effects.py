@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sim.declaration.effect import Effect
-from sim.declaration.proposal import Occasion
+from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.dynamics.drag_jump import DragJump
 from sim.effects.dynamics.drag_mach import DragMach
@@ -94,11 +94,11 @@ def test_its_shapes_follow_a_drag_rise_of_another_form(centre: float, width: flo
 
 def test_drag_over_mach_takes_its_range_from_the_speeds_flown() -> None:
     effect = DragMach()
-    assert effect.fitted_to(Occasion(0.0, 10.0, 0.1)) == effect
-    fitted = effect.fitted_to(Occasion(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -170.0)}))
+    assert effect.fitted_to(SearchContext(0.0, 10.0, 0.1)) == effect
+    fitted = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -170.0)}))
     assert isinstance(fitted, DragMach) and not fitted.fine
     assert fitted.low == pytest.approx(170.0 / 340.29, rel=1e-4) and fitted.high == pytest.approx(1800.0 / 295.07, rel=1e-4)
-    both_ways = effect.fitted_to(Occasion(0.0, 10.0, 0.1, flown={"velocity": (-300.0, 100.0)}))
+    both_ways = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-300.0, 100.0)}))
     assert isinstance(both_ways, DragMach) and both_ways.low == 0.0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.compile import compile_model
-from sim.declaration.proposal import Occasion
+from sim.declaration.proposal import SearchContext
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -58,8 +58,8 @@ def test_sensors_with_memory_come_in_their_order_and_spikes_last() -> None:
 def test_an_altitude_that_is_late_or_scaled_is_not_searched_for(effect: SensorLag | SensorDelay | SensorScale, size: float) -> None:
     from scipy.optimize import least_squares
 
-    assert effect.probes(Occasion(0.0, 20.0, 0.1)) == ()
-    assert replace(effect, channel="q").probes(Occasion(0.0, 20.0, 0.1))
+    assert effect.probes(SearchContext(0.0, 20.0, 0.1)) == ()
+    assert replace(effect, channel="q").probes(SearchContext(0.0, 20.0, 0.1))
     # The reason: another start and another beta read the same within a fraction of the noise.
     model, flight = ballistic_model(), ballistic_flight()
     system, noise = compile_model(model), model.noise.measurement_std["altitude"]
@@ -75,7 +75,7 @@ def test_an_altitude_that_is_late_or_scaled_is_not_searched_for(effect: SensorLa
 
 
 def test_a_drift_counts_from_the_record_it_is_searched_in() -> None:
-    drift = DRIFT.fitted_to(Occasion(100.0, 120.0, 0.02))
+    drift = DRIFT.fitted_to(SearchContext(100.0, 120.0, 0.02))
     assert drift.name == DRIFT.name
     s = SimpleNamespace(time=np.array([100.0, 101.0]))
     read = drift.read(s, {"alpha": np.zeros(2)}, None, SimpleNamespace(slope=0.3))

@@ -79,10 +79,10 @@ def test_a_joint_value_apart_from_the_records_is_not_called_alike() -> None:
 
 
 def test_header_says_what_a_sigma_holds() -> None:
-    plain, grown = proven_tracing(), proven_tracing()
-    grown = replace(grown, diagnosis=replace(grown.diagnosis, growth={"Cm_q": 1.4}))
-    assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(grown).count(SIGMA_NOTE) == 1
-    content = json.loads(json_text(diagnosis_content(grown, "")))
+    plain, inflated = proven_tracing(), proven_tracing()
+    inflated = replace(inflated, diagnosis=replace(inflated.diagnosis, inflation={"Cm_q": 1.4}))
+    assert SIGMA_NOTE not in diagnosis_text(plain) and diagnosis_text(inflated).count(SIGMA_NOTE) == 1
+    content = json.loads(json_text(diagnosis_content(inflated, "")))
     assert content["growth"] == {"Cm_q": 1.4}
 
 

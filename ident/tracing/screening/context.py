@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import Node
-from sim.declaration.proposal import Occasion
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
 
-def occasion_at(node: Node, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> Occasion:
-    """The common occasion of a node's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
+def search_context(fitted: FittedModel, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
+    """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
 
     ``beside`` are records that the model must serve as well: what they fly through widens the ranges (the outermost
     hundredth of an output's samples left out, against spikes).
     """
-    fit, layout = node.fit, node.fit.layout
+    fit, layout = fitted.fit, fitted.fit.layout
     numbers = range(len(layout.problems)) if which is None else which
     problems, lines = [layout.problems[r] for r in numbers], [fit.lines[r] for r in numbers]
     records = [problem.record for problem in problems]
@@ -48,7 +48,7 @@ def occasion_at(node: Node, beside: Sequence[Record] = (), which: Sequence[int] 
             low, high = (float(v) for v in np.quantile(values, edges))
             if channel.name in flown:
                 flown[channel.name] = (min(low, flown[channel.name][0]), max(high, flown[channel.name][1]))
-    return Occasion(
+    return SearchContext(
         begin=float(longest.time[0]),
         end=float(longest.time[-1]),
         interval=float(np.median(np.diff(longest.time))),
@@ -57,7 +57,7 @@ def occasion_at(node: Node, beside: Sequence[Record] = (), which: Sequence[int] 
         state_peak=states,
         flown=flown,
         residual_peaks=spectral_peaks(records, [fit.residuals[r] for r in numbers], [problem.valid for problem in problems], fit.variance),
-        airspeed=node.model.parameters["airspeed"].value if "airspeed" in node.model.parameters else 0.0,
+        airspeed=fitted.model.parameters["airspeed"].value if "airspeed" in fitted.model.parameters else 0.0,
         values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
     )
 
