@@ -9,13 +9,27 @@ from pathlib import Path
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, FittedRecord, Prediction, Quantity, Step, Verdict
+from ident.tracing.diagnosis import (
+    Candidate,
+    Caution,
+    Claim,
+    Concern,
+    Diagnosis,
+    ErrorFigures,
+    Evidence,
+    FittedRecord,
+    Prediction,
+    Quantity,
+    Step,
+    Verdict,
+)
 from ident.tracing.verdict import not_noise
 from scenarios.diagnosis.diagnose import InputFile, Inputs, Tracing
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.record import Channel, Hold, Record
 
+LEFT = "what is left lies in q, near 3.1 Hz, and follows the input"
 NOISE = {"alpha": 0.0012, "q": 0.0015, "nz": 0.012, "altitude": 6.0}
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 RIGID = VehicleFile(
@@ -138,7 +152,7 @@ def diagnosis_of(verdict: Verdict, vehicle: VehicleFile, records: tuple[Record, 
             for i, claim in enumerate(claims)
         ),
         _candidates(claims),
-        ("what is left lies in q, near 3.1 Hz, and follows the input",) if verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED) else (),
+        (Caution(Concern.DIFFERS_HELD_OUT, LEFT),) if verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED) else (),
         tuple(_prediction(record, factor) for record in validation),
         tuple(_fitted(record, factor) for record in records),
         {"screening": 0.1, "fitting": 0.4},

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.selection.search import Search
+from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
 from sim.declaration.effect import Effect
@@ -41,15 +41,19 @@ def planted(
     return noisy(model, flight or doublets(), np.random.default_rng(seed), scale=scale)
 
 
-def search_of(records: Sequence[Record], candidates: Sequence[Effect] = (), settings: TraceSettings = SETTINGS, model: Model | None = None) -> Search:
-    """A search that nothing was fitted in yet."""
+def problem_of(
+    records: Sequence[Record], candidates: Sequence[Effect] = (), settings: TraceSettings = SETTINGS, model: Model | None = None
+) -> TraceProblem:
+    """What a search works on, every measured sample in it."""
     outputs = [name for name in OUTPUTS if any(name in record.output_names for record in records)]
-    return Search(records, model or declared(), tuple(candidates), outputs, settings, measured_masks(records, outputs), lambda text, share: None)
+    return TraceProblem(records, measured_masks(records, outputs), model or declared(), tuple(candidates), outputs, settings)
 
 
-def fit_of(search: Search, effects: Sequence[Effect] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None) -> FittedModel:
+def fit_of(
+    problem: TraceProblem, effects: Sequence[Effect] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None
+) -> FittedModel:
     """A fit that has to work."""
-    fitted = search.fit(effects, start, added)
+    fitted = problem.fit(effects, start, added)
     assert fitted is not None
     return fitted
 

@@ -35,6 +35,25 @@ _SENTENCES = {
 }
 
 
+class Concern(Enum):
+    """What a caution is about."""
+
+    NOT_NOISE = "a residual test fails"
+    DIFFERS_HELD_OUT = "the fitted records are explained, the others are not"
+    GUARD = "what is missing behaves like a term outside the library"
+    BEYOND_BELIEF = "what fits best has parameters that no one believes"
+    NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
+
+
+@dataclass(frozen=True)
+class Caution:
+    """What speaks against more than the verdict says: its kind, a sentence, and the residual test where one failed."""
+
+    concern: Concern
+    sentence: str
+    test: ResidualTest | None = None
+
+
 @dataclass(frozen=True)
 class Quantity:
     """An estimated number: value, standard deviation corrected for coloured residuals, unit."""
@@ -54,15 +73,15 @@ class Evidence:
 
     ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
     scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
-    parameters with it, and with each of its alternatives in its place, by effect name. ``beside`` names the effects that were in the
-    model before.
+    parameters with it, and with each of its alternatives in its place, by effect name. ``already_in_model`` names
+    the effects that were in the model before.
     """
 
     error_left: float
     error_left_std: float
     by_record: tuple[Mapping[str, Quantity], ...]
     derivatives: Mapping[str, Mapping[str, Quantity]]
-    beside: tuple[str, ...] = ()
+    already_in_model: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -152,7 +171,8 @@ class Diagnosis:
     Attributes
     ----------
     before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
-    error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted.
+    error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
+        fitted, but took part in choosing effects.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     growth : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
@@ -172,12 +192,13 @@ class Diagnosis:
     tests_after: tuple[ResidualTest, ...]
     steps: tuple[Step, ...]
     candidates: tuple[Candidate, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Caution, ...]
     predictions: tuple[Prediction, ...]
     fitted: tuple[FittedRecord, ...]
     seconds: Mapping[str, float]
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
+    used_to_choose: bool = False
 
 
 def silent(effect: str, parameters: Mapping[str, Quantity]) -> int:

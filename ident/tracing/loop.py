@@ -4,29 +4,32 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
-from ident.tracing.candidate_model.quantities import quantities, records_of
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
-from ident.tracing.replication.between_records import FEWEST, RecordScatter, scatter_between_records
+from ident.tracing.ranking import choose_among_near
+from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
-from ident.tracing.result import reported
+from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
-from ident.tracing.selection.search import Search
+from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
-from ident.tracing.validation.held_out import HeldOut, held_out, with_held_out_change
-from ident.tracing.validation.whiteness import whiteness
-from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
+from ident.tracing.verdict import Judgement, judge, no_better, not_noise, residual_tests
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
 from sim.errors import ModelError
 from sim.record import Record
+
+SPIKES = "sensor-spikes"  # claimed by the loop itself, from samples that no model explains
 
 
 def diagnose(
@@ -36,7 +39,7 @@ def diagnose(
     guards: Sequence[Effect],
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
-    progress: Callable[[str, float], None] = lambda text, share: None,
+    progress: Callable[[str, float], None] = untold,
     witness: Witness = silent,
 ) -> Diagnosis:
     """Trace what a model lacks.
@@ -45,7 +48,8 @@ def diagnose(
     ----------
     records : the data to fit. model : the declared model, with its biases; noise levels are estimated.
     candidates : effects that may be claimed. guards : terms that compete like effects but mean ``unexplained``.
-    validation : data that are not fitted; empty means that errors are those of the fit.
+    validation : data that are not fitted; empty means that errors are those of the fit. They take part in choosing effects where a single
+        record is fitted, else they are held out from all but the verdict.
     progress : told what is being done and how much of the work that is.
     witness : speaks of effects by other means than the model (``Flight``); asked only where a ranking hangs on it.
 
@@ -53,133 +57,167 @@ def diagnose(
     ------
     ModelError : a record without any output of the model, or a declared model that cannot be fitted at all.
     """
-    settings = settings or TraceSettings()
-    started = clock.perf_counter()
-    seconds: dict[str, float] = {}
+    watch = Stopwatch()
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
-
-    def stage(name: str) -> None:
-        seconds[name] = clock.perf_counter() - started - sum(seconds.values())
-
-    progress("fitting the declared model", 0.0)
-    search = Search(
-        records, model, (*candidates, *guards), outputs, settings, measured_masks(records, outputs), progress, beside=validation, witness=witness
-    )
-    root = search.fit((), None)
-    if root is None:
-        raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check units and starting values")
-    search, root, input_claims = cleaned_inputs(search, root)
-    search.masks = spike_masks(search, root)
-    root = search.fit((), root) or root
-    stage("declared model")
-    seen, kept, out_before = _apart(root, validation, input_claims, outputs)
-    first, partial = first_round(search, root), None
-    asked = len(records) + len(validation) >= FEWEST and defies(root, first)
-    if asked:
-        # What replicates is looked for at once: a search that trusts noise to be white would only add effect upon effect.
-        partial = _replicating(search, root, seen, kept, out_before)
-    best = partial.fitted if partial is not None else refined(search, backward_elimination(search, forward_selection(search, root, first)))
-    stage("search")
-    masks, claims = spike_claims(search, best)
-    if any(not np.array_equal(a, b) for a, b in zip(masks, search.masks, strict=True)):
-        search.masks = masks
-        best = search.fit(best.effects, best) or best
-        search.keep(best, best.criterion)
-        root = search.fit((), root) or root
-        seen, kept, out_before = _apart(root, validation, input_claims, outputs)
-        if partial is not None:
-            partial = replace(partial, fitted=best, out=held_out(best, seen, kept))
-    stage("spikes")
-    progress("judging on data that were not fitted", 0.9)
-    best, out_after = best_by_held_out(search, best, seen, kept)
+    masks = measured_masks(records, outputs)
+    everything = (*candidates, *guards)
+    problem = TraceProblem(records, masks, model, everything, outputs, settings or TraceSettings(), validation, witness, progress)
+    declared = fit_declared(problem)
+    watch.stage("declared model")
+    found = search(declared, held_out_data(declared, validation))
+    watch.stage("search")
+    found = with_final_masks(found)
+    watch.stage("spikes")
+    problem.progress("judging on data that were not fitted", 0.9)
+    ledger, choice = choose_among_near(found.ledger, found.best, found.held)
     if validation:
-        search.evidence = with_held_out_change(search.evidence, search.fitted_models, out_before, seen, kept)
-    tests_before = tuple(whiteness(root.fit, "fitted"))
-    tests_after = tuple(whiteness(best.fit, "fitted"))
-    if out_after.informed is not None:
-        tests_after += tuple(whiteness(out_after.informed, "held out"))
-    guarded = guards_among(best.names)
-    effects = [*input_claims, *claims, *_claims(search, best, guarded)]
-    verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
-    record_scatter = scatter_before = RecordScatter()
-    if verdict is Verdict.UNEXPLAINED:
-        effects = [_hint(effect) for effect in effects]
-        if _no_better(out_before, out_after):
-            # What does not help on data that were not fitted is not even a hint.
-            best, out_after, effects = root, out_before, [effect for effect in effects if effect.name.startswith("sensor-spikes")]
-        if not asked:
-            partial = _replicating(search, root, seen, kept, out_before)
-        if partial is not None:
-            spikes = [effect for effect in effects if effect.name.startswith("sensor-spikes")]
-            again = _judged_again(search, root, partial, spikes, seen, kept, out_before)
-            verdict, best, out_after, effects, tests_after, warnings = again
-        if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
-            # Where what remains is not noise, records differ by more than any one of them can tell.
-            record_scatter = scatter_between_records(search, best, seen, kept)
-            scatter_before = record_scatter if best is root else scatter_between_records(search, root, seen, kept)
-    stage("held out")
-    tests, outs, scatter_both = (tests_before, tests_after), (out_before, out_after), (scatter_before, record_scatter)
-    return reported(search, root, best, verdict, effects, warnings, tests, outs, validation, outputs, seconds, scatter_both)
+        ledger = replace(ledger, evidence=tuple(with_held_out_change(ledger.evidence, ledger.models, found.held)))
+    judgement = judge(ledger.problem, found.root, choice, found.spikes, found.held)
+    if judgement.verdict is Verdict.UNEXPLAINED:
+        ledger, judgement = what_replicates(replace(found, ledger=ledger), judgement)
+    scatter = record_scatter(ledger.problem, found, judgement)
+    watch.stage("held out")
+    before = Before(found.root, residual_tests(found.root, HeldOut(None, None), found.held).all, scatter[0])
+    return reported(ledger, before, Outcome(judgement, scatter[1]), found.held, validation, watch.seconds)
 
 
-def _apart(
-    root: FittedModel, validation: Sequence[Record], input_claims: Sequence[Claim], outputs: Sequence[str]
-) -> tuple[list[Record], list[np.ndarray] | None, HeldOut]:
+@dataclass(eq=False)
+class Stopwatch:
+    """Time spent by stage, s."""
+
+    started: float = field(default_factory=clock.perf_counter)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def stage(self, name: str) -> None:
+        """What passed since the last stage is this one's."""
+        self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """The declared model fitted, provisional spikes set aside; ``spikes`` those of recorded inputs, which were mended."""
+
+    ledger: Ledger
+    root: FittedModel
+    spikes: tuple[Claim, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search ends with.
+
+    ``partial`` : effects that replicate, None where none does; ``asked`` whether that was asked.
+    """
+
+    ledger: Ledger
+    root: FittedModel
+    best: FittedModel
+    held: HeldOutData
+    partial: Partial | None
+    asked: bool
+    spikes: tuple[Claim, ...]
+
+
+def fit_declared(problem: TraceProblem) -> Declared:
+    """Fit the declared model, mend recorded inputs, set provisional spikes aside."""
+    problem.progress("fitting the declared model", 0.0)
+    ledger, root = fit(Ledger(problem), (), None)
+    if root is None:
+        raise ModelError(
+            "the declared model has no finite cost on these records", where=problem.records[0].name, remedy="check units and starting values"
+        )
+    problem, root, spikes, steps = cleaned_inputs(problem, root)
+    masked = Ledger(problem.with_masks(spike_masks(problem, root)), steps=tuple(steps), spent=ledger.spent)
+    masked, again = fit(masked, (), root)
+    if again is None:
+        return Declared(replace(masked, problem=problem), root, tuple(spikes))
+    return Declared(masked, again, tuple(spikes))
+
+
+def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutData:
     """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
     if not validation:
-        return [], None, HeldOut(None, None)
-    seen = [mended_inputs(record, [claim.name for claim in input_claims]) for record in validation]
-    kept = held_out_masks(held_out(root, validation, None, informed=False), seen, outputs)
-    return seen, kept, held_out(root, validation, kept, informed=False)
+        return HeldOutData()
+    records = [mended_inputs(record, [claim.name for claim in declared.spikes]) for record in validation]
+    first = held_out(declared.root, validation, None, informed=False)
+    masks = held_out_masks(first, records, declared.ledger.problem.outputs)
+    before = held_out(declared.root, validation, masks, informed=False)
+    return HeldOutData(records, masks, before, choosing=len(declared.ledger.problem.records) == 1)
 
 
-def _replicating(search: Search, root: FittedModel, seen: Sequence[Record], kept: Sequence[np.ndarray] | None, before: HeldOut) -> Partial | None:
-    """Effects that stand by themselves; what replicates on the whole and yet predicts the data held out no better is left unsaid."""
-    partial = cross_validated(search, root, seen, kept)
+def search(declared: Declared, held: HeldOutData) -> Found:
+    """Forward selection and backward elimination; what replicates at once where no single effect comes anywhere near noise."""
+    root = declared.root
+    ledger, first = first_round(declared.ledger, root)
+    asked, partial = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS and defies(root, first), None
+    if asked:
+        # A search that trusts noise to be white would only add effect upon effect.
+        ledger, partial = replicating(ledger, root, held)
     if partial is None:
-        return None
-    search.evidence += partial.evidence
-    return None if _no_better(before, partial.out) else partial
+        ledger, best = forward_selection(ledger, root, first)
+        ledger, best = backward_elimination(ledger, best)
+        ledger, best = refined(ledger, best)
+    return Found(ledger, root, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)
 
 
-def _judged_again(
-    search: Search,
-    root: FittedModel,
-    partial: Partial,
-    spikes: Sequence[Claim],
-    validation: Sequence[Record],
-    masks: Sequence[np.ndarray] | None,
-    before: HeldOut,
-) -> tuple[Verdict, FittedModel, HeldOut, list[Claim], tuple[ResidualTest, ...], list[str]]:
-    """The verdict on effects that stand by themselves: with a further one, they may leave noise after all."""
-    if not hopeless(search, partial.fitted):
-        best, out = best_by_held_out(search, extended(search, root, partial.fitted), validation, masks)
-        tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
-        claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
-        verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
-        if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
-            return verdict, best, out, claims, tests, warnings
-    tests = tuple(whiteness(partial.fitted.fit, "fitted"))
-    return Verdict.PARTIAL, partial.fitted, partial.out, [*partial.claims, *spikes], tests, not_noise(tests, search.settings.white)
+def with_final_masks(found: Found) -> Found:
+    """The final spikes with their claims; where they differ from the provisional ones, all sets of the search fitted anew without them."""
+    problem = found.ledger.problem
+    masks, claims = spike_claims(problem, found.best)
+    found = replace(found, spikes=(*found.spikes, *claims))
+    if all(np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
+        return found
+    fresh = refitted(found.ledger, masks, found.best)
+    if fresh is None:
+        return found
+    root, best, partial = fresh.models[frozenset()], fresh.known(found.best), None
+    held = held_out_data(Declared(fresh, root, found.spikes), problem.predicted)
+    if found.partial is not None:
+        fresh, partial = replicating(fresh, root, held)
+    return replace(found, ledger=fresh, root=root, best=best if partial is None else partial.fitted, held=held, partial=partial)
 
 
-def _no_better(before: HeldOut, after: HeldOut) -> bool:
-    """Whether a free simulation of held-out data is no better, in likelihood, than that of the declared model."""
-    return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
+def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
+    """Effects that replicate; what replicates on the whole and yet predicts the data held out no better is left unsaid."""
+    ledger, partial = cross_validated(ledger, root, held)
+    return ledger, None if partial is None or no_better(held.declared, partial.out) else partial
 
 
-def _claims(search: Search, best: FittedModel, guarded: Sequence[str]) -> list[Claim]:
-    others = alternatives_of(search, best)
-    return [
-        Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)
-        for effect in best.effects
-        if not guards_among([effect.name])
-    ]
+def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
+    """Where the search explains nothing: hints at most, unless effects stand although what remains is not noise."""
+    ledger, partial = found.ledger, found.partial
+    spikes = [claim for claim in judgement.claims if claim.name.startswith(SPIKES)]
+    hints = [replace(claim, claimed=False) for claim in judgement.claims]
+    if no_better(found.held.declared, judgement.out):
+        # What does not help on data that were not fitted is not even a hint.
+        hints = [claim for claim in hints if claim.name.startswith(SPIKES)]
+        judgement = replace(judgement, best=found.root, out=found.held.declared)
+    judgement = replace(judgement, claims=tuple(hints))
+    if not found.asked:
+        ledger, partial = replicating(ledger, found.root, found.held)
+    if partial is None:
+        return ledger, judgement
+    return judged_again(ledger, found, partial, spikes)
 
 
-def _hint(claim: Claim) -> Claim:
-    return replace(claim, claimed=False)
+def judged_again(ledger: Ledger, found: Found, partial: Partial, spikes: Sequence[Claim]) -> tuple[Ledger, Judgement]:
+    """The verdict on effects that replicate: with a further one, they may leave noise after all."""
+    problem, held = ledger.problem, found.held
+    if not hopeless(ledger, partial.fitted):
+        ledger, further = extended(ledger, found.root, partial.fitted)
+        ledger, choice = choose_among_near(ledger, further, held)
+        again = judge(problem, found.root, choice, spikes, held)
+        if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
+            return ledger, again
+    tests = residual_tests(partial.fitted, HeldOut(None, None), held)
+    claims, cautions = (*partial.claims, *(replace(spike, claimed=False) for spike in spikes)), not_noise(tests.all, problem.settings.white)
+    return ledger, Judgement(Verdict.PARTIAL, partial.fitted, partial.out, claims, tests, tuple(cautions))
 
 
-def _claimed(claim: Claim) -> Claim:
-    return replace(claim, claimed=True)
+def record_scatter(problem: TraceProblem, found: Found, judgement: Judgement) -> tuple[RecordScatter, RecordScatter]:
+    """By how much records differ, before and after: asked where what remains is not noise, and one record cannot tell."""
+    if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
+        return RecordScatter(), RecordScatter()
+    after = scatter_between_records(problem, judgement.best, found.held)
+    before = after if judgement.best is found.root else scatter_between_records(problem, found.root, found.held)
+    return before, after

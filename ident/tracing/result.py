@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -14,14 +14,16 @@ from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity
 from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.selection.form_spread import form_spread
-from ident.tracing.selection.search import Search
+from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.detection import final_spikes
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.held_out import HeldOut
+from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.verdict import Judgement
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
 from sim.record import Record
@@ -40,60 +42,74 @@ def _inflated(claim: Claim, inflation: Mapping[str, float]) -> Claim:
     return replace(claim, evidence=replace(claim.evidence, derivatives=members))
 
 
+@dataclass(frozen=True, eq=False)
+class Before:
+    """The declared model as fitted, its residual tests, and by how much records differ under it."""
+
+    root: FittedModel
+    tests: tuple[ResidualTest, ...]
+    scatter: RecordScatter
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was judged in the end, and by how much records differ under it."""
+
+    judgement: Judgement
+    scatter: RecordScatter
+
+
 def reported(
-    search: Search,
-    root: FittedModel,
-    best: FittedModel,
-    verdict: Verdict,
-    effects: Sequence[Claim],
-    warnings: Sequence[str],
-    tests: tuple[tuple[ResidualTest, ...], tuple[ResidualTest, ...]],
-    out: tuple[HeldOut, HeldOut],
-    validation: Sequence[Record],
-    outputs: Sequence[str],
-    seconds: Mapping[str, float],
-    record_scatter: tuple[RecordScatter, RecordScatter],
+    ledger: Ledger, before: Before, after: Outcome, held: HeldOutData, validation: Sequence[Record], seconds: Mapping[str, float]
 ) -> Diagnosis:
-    before, after = out
-    inflated_before, inflated = record_scatter[0].inflation, record_scatter[1].inflation
-    shown = validation or search.records
-    fits = (before.frozen, after.frozen) if validation else (root.fit, best.fit)
-    channels = [name for name in outputs if any(name in record.output_names for record in shown)]
+    """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were given, spikes of their inputs included."""
+    problem, judgement, root = ledger.problem, after.judgement, before.root
+    best, inflation = judgement.best, after.scatter.inflation
+    shown = validation or problem.records
+    fits = (held.declared.frozen, judgement.out.frozen) if validation else (root.fit, best.fit)
+    channels = [name for name in problem.outputs if any(name in record.output_names for record in shown)]
     predictions = [
         Prediction(record, tuple(channels), prediction(fits[0], r, record, channels), prediction(fits[1], r, record, channels))
         for r, record in enumerate(shown)
     ]
-    everywhere = measured_masks(shown, outputs)
-    if not validation:
-        everywhere = [mask & kept for mask, kept in zip(everywhere, search.masks, strict=True)]
-    elif fits[1] is not None:
-        everywhere = spike_masks_of(fits[1], everywhere)
-    masks = [mask[[outputs.index(name) for name in channels]] for mask in everywhere]
+    masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
     return Diagnosis(
-        verdict,
-        tuple(_inflated(claim, inflated) for claim in effects),
-        _derivatives(search, root, inflated_before),
-        _derivatives(search, best, inflated, form_spread(search, best)),
-        _derived(root, inflated_before),
-        _derived(best, inflated),
-        error_figures([p.before for p in predictions], shown, masks, channels),
-        error_figures([p.after for p in predictions], shown, masks, channels),
-        {name: std for name, std in noise_levels(best.fit).items() if name in channels},
-        bool(validation),
-        tests[0],
-        tests[1],
-        tuple(search.steps),
-        tuple(search.evidence),
-        tuple(warnings),
-        tuple(predictions),
-        tuple(
-            FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), search.masks[r])
-            for r, record in enumerate(search.records)
+        verdict=judgement.verdict,
+        effects=tuple(_inflated(claim, inflation) for claim in judgement.claims),
+        before=_derivatives(problem, root, before.scatter.inflation),
+        after=_derivatives(problem, best, inflation, form_spread(problem, best)),
+        derived_before=_derived(root, before.scatter.inflation),
+        derived_after=_derived(best, inflation),
+        error_before=error_figures([p.before for p in predictions], shown, masks, channels),
+        error_after=error_figures([p.after for p in predictions], shown, masks, channels),
+        noise_floor={name: std for name, std in noise_levels(best.fit).items() if name in channels},
+        held_out=bool(validation),
+        tests_before=before.tests,
+        tests_after=judgement.tests.all,
+        steps=ledger.steps,
+        candidates=ledger.evidence,
+        warnings=judgement.cautions,
+        predictions=tuple(predictions),
+        fitted=tuple(
+            FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), problem.masks[r])
+            for r, record in enumerate(problem.records)
         ),
-        dict(seconds),
-        record_scatter[1].scatter,
-        inflated,
+        seconds=dict(seconds),
+        scatter=after.scatter.scatter,
+        inflation=inflation,
+        used_to_choose=held.choosing,
     )
+
+
+def _shown_masks(problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None) -> list[np.ndarray]:
+    """Samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of records that were not fitted."""
+    masks = measured_masks(shown, problem.outputs)
+    if shown is problem.records:
+        masks = [mask & used for mask, used in zip(masks, problem.masks, strict=True)]
+    elif fit is not None:
+        masks = spike_masks_of(fit, masks)
+    rows = [problem.outputs.index(name) for name in channels]
+    return [mask[rows] for mask in masks]
 
 
 def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -107,14 +123,14 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _derivatives(
-    search: Search, fitted: FittedModel, inflation: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE
+    problem: TraceProblem, fitted: FittedModel, inflation: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE
 ) -> dict[str, Quantity]:
     """Shared parameters of the declared model, with sigmas corrected for colour, grown by what records differ by, and by ``form``.
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """
     estimate = _estimate(fitted)
-    declared = set(search.model.parameters.names)
+    declared = set(problem.model.parameters.names)
 
     def sigma(name: str, std: float) -> float:
         return max(inflation.get(name, 1.0) * float(np.hypot(std, form.get(name, 0.0))), 1e-300)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,25 @@ class Values:
     shared: Mapping[str, float]
     own: tuple[Mapping[str, float], ...]
     states: tuple[Mapping[str, np.ndarray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each, the declared model, its outputs by name."""
+
+    records: Sequence[Record]
+    masks: Sequence[np.ndarray]
+    model: Model
+    outputs: Sequence[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a fit begins: values of another fit, values of parameters that it lacks, noise levels of a fit with process noise."""
+
+    values: Values | None = None
+    added: Mapping[str, float] = field(default_factory=dict)
+    levels: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,40 +114,34 @@ def compiled_with(model: Model, effects: Sequence[Effect], outputs: Sequence[str
 
 
 def fit_set(
-    records: Sequence[Record],
-    model: Model,
+    data: FitData,
     effects: Sequence[Effect],
-    outputs: Sequence[str],
     settings: FitSettings,
-    masks: Sequence[np.ndarray],
-    event_cost: float,
-    values: Values | None = None,
-    added: Mapping[str, float] | None = None,
-    levels: Mapping[str, float] | None = None,
+    start: Start | None = None,
+    *,
+    event_cost: float = 0.0,
     apart: Collection[str] = (),
 ) -> FittedModel | None:
-    """Fit a set of effects, starting from another set's values and, for parameters it lacks, from ``added``.
+    """Fit a set of effects; of the parameters in ``apart`` each record has its own although all of them would share it.
 
-    ``levels`` of the noise, of a set with process noise, are a warm start for another such set. Of the parameters in ``apart`` each record
-    has its own although all of them would share it.
-
-    None where the fit found no finite cost.
+    ``event_cost`` is what an effect whose place is searched for adds to the criterion. None where the fit found no finite cost.
     """
-    full, system = compiled_with(model, effects, outputs)
+    start = start or Start()
+    full, system = compiled_with(data.model, effects, data.outputs)
     local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
     local += [name for name in apart if name not in local]
-    plain = lay_out(records, system, settings, local=local, masks=masks)
-    start, guesses = plain.start, None
-    if values is not None or added:
-        start, guesses = carried(plain, values, added or {})
-        plain = lay_out(records, system, settings, local=local, masks=masks, start=start)
-    fit = fit_as_declared(replace(plain, prior=known_beforehand(model, effects, plain)), guesses, levels)
+    plain = lay_out(data.records, system, settings, local=local, masks=data.masks)
+    guesses = None
+    if start.values is not None or start.added:
+        first, guesses = carried(plain, start.values, start.added)
+        plain = lay_out(data.records, system, settings, local=local, masks=data.masks, start=first)
+    fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels)
     if fit is None:
         return None
-    count = sum(len(free_names(effect)) * (len(records) if belongs_to_record(effect) else 1) for effect in effects)
+    count = sum(len(free_names(effect)) * (len(data.records) if belongs_to_record(effect) else 1) for effect in effects)
     events = sum(1 for effect in effects if is_event(effect))
     criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
-    return FittedModel(tuple(effects), model, full, system, fit, float(criterion), count)
+    return FittedModel(tuple(effects), data.model, full, system, fit, float(criterion), count)
 
 
 def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:
@@ -136,6 +149,11 @@ def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels:
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels)
     return fit_whole_records(layout, guesses)
+
+
+def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = None) -> Start:
+    """A start from another fitted model, or from the declared values where there is none."""
+    return Start(added=added or {}) if fitted is None else Start(fitted.values, added or {}, levels_of(fitted))
 
 
 def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:

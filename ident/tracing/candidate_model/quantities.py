@@ -7,11 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from ident.statistics.information import inverse_information
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from sim.declaration.effect import Effect, full_name
-
-CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
 
 
 def quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
@@ -22,7 +21,7 @@ def quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
 def records_of(fitted: FittedModel, effect: Effect) -> tuple[int, ...]:
     """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
     each = _quantities_by_record(fitted, effect)
-    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > CLEARLY)
+    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > thresholds.CLEARLY_OFF_ABSENCE)
     return seen if 0 < len(seen) < len(each) else ()
 
 
@@ -48,15 +47,20 @@ def quantities_with(fitted: FittedModel, effect: Effect, covariance: np.ndarray)
     return out
 
 
-def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
-    """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
+def implausible(effect: Effect, found: Mapping[str, Quantity], slack: float = 2.0) -> list[str]:
+    """Parameters of an effect that lie outside what is believed of them by more than ``slack`` times their sigma."""
     ranges = getattr(effect, "plausible", {})
-    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
+    return [name for name, q in found.items() if name in ranges and not ranges[name][0] - slack * q.std <= q.value <= ranges[name][1] + slack * q.std]
 
 
-def _stands_out(effect: Effect, found: Mapping[str, Quantity]) -> bool:
-    """Whether parameters differ from the effect's absence by more than they are uncertain."""
-    return _sigmas(effect, found) > 2.0
+def stands_out_somewhere(fitted: FittedModel, effect: Effect) -> bool:
+    """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
+    onset = getattr(effect, "onset", "")
+    for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
+        inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
+        if inside and _sigmas(effect, found) > thresholds.OFF_ABSENCE:
+            return True
+    return False
 
 
 def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:

@@ -8,22 +8,19 @@ hold what Student's t holds for as many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.replication.by_record import Flight
-from ident.tracing.selection.search import Search
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.replication.by_record import every_record
+from ident.tracing.validation.held_out import HeldOutData
 from ident.whole_record.output_error import fit_covariance
-from sim.record import Record
 
-FEWEST = 3  # records whose scatter is worth printing
-# Degrees of freedom that a derivative has from the others: in simulations, whether all differ alike or each by a factor of its own,
-# two sigmas then hold 93 to 98 of 100 with two to five records.
-BORROWED = 6.0
 TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
 
 
@@ -39,16 +36,17 @@ class RecordScatter:
     inflation: Mapping[str, float] = field(default_factory=dict)
 
 
-def scatter_between_records(search: Search, fitted: FittedModel, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> RecordScatter:
+def scatter_between_records(problem: TraceProblem, fitted: FittedModel, held: HeldOutData) -> RecordScatter:
     """Compare all records, fitted or held out: each has its derivatives for itself, the effects of the set are in common.
 
     Nothing with one record, of which a held-out part is no second one, or with process noise.
     """
-    records, all_masks = (*search.records, *validation), (*search.masks, *(masks or ()))
-    if len({record.name for record in records}) < 2 or len(records) != len(all_masks) or has_process_noise(fitted.system):
+    flight = every_record(problem, held)
+    records = flight.records
+    unpredictable = bool(held.records) and held.masks is None
+    if unpredictable or len({record.name for record in records}) < 2 or has_process_noise(fitted.system):
         return RecordScatter()
-    flight = Flight(records, all_masks, search.model, tuple(search.outputs), search.settings)
-    names = [name for name in fitted.values.shared if name in search.model.parameters]
+    names = [name for name in fitted.values.shared if name in problem.model.parameters]
     apart = flight.fit(fitted.effects, range(len(records)), None, fitted.values.shared, names)
     if apart is None:
         return RecordScatter()
@@ -57,7 +55,7 @@ def scatter_between_records(search: Search, fitted: FittedModel, validation: Seq
     variance = np.maximum(np.diag(fit_covariance(apart.fit)[0]), 1e-300)
     values, sigma = apart.fit.theta[np.array(at)], np.sqrt(variance[np.array(at)])
     factors = inflation(values, sigma)
-    spread = {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if count >= FEWEST else {}
+    spread = {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if count >= thresholds.FEWEST_RECORDS else {}
     return RecordScatter(spread, dict(zip(names, factors.tolist(), strict=True)))
 
 
@@ -74,7 +72,7 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     freedom = values.shape[1] - 1
     own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
     shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))  # the median of chi-squared lies below its mean
-    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
+    borrowed = min(thresholds.BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
     squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
     wider = float(stdtrit(freedom + borrowed, TWO_SIGMA)) / 2.0
     return np.maximum(1.0, wider * np.sqrt(squared))

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import FittedModel, Values, fit_set
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
+from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities_with
 from ident.tracing.diagnosis import Quantity, Witness, silent
 from ident.tracing.settings import TraceSettings
+from ident.tracing.validation.held_out import HeldOutData
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
 from sim.record import Record
-
-AGREE = 3.0  # corrected sigmas that two records may differ by
-ALIKE = 0.4  # of the mean, a difference that no one would call another value
-KNOWN = 0.5  # of a value, the sigma above which a record does not tell it
-STANDS = 2.0  # corrected sigmas from absence
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,26 @@ class Flight:
         settings = FitSettings(max_step=2.0 * self.settings.max_step, iterations=20, tolerance=0.02, enough=0.1)
         values = None if start is None else Values(start.shared, tuple(start.own[r] for r in which), tuple(start.states[r] for r in which))
         records, masks = [self.records[r] for r in which], [self.masks[r] for r in which]
-        return fit_set(records, self.model, effects, list(self.outputs), settings, masks, 0.0, values, added, apart=apart)
+        data = FitData(records, masks, self.model, self.outputs)
+        return fit_set(data, effects, settings, Start(values, added or {}), apart=apart)
+
+
+def every_record(problem: TraceProblem, held: HeldOutData) -> Flight:
+    """All records that speak on the aircraft, fitted or not; without the others where these cannot be simulated."""
+    others = held.records if held.masks is not None else ()
+    return Flight(
+        (*problem.records, *others),
+        (*problem.masks, *(held.masks or ())),
+        problem.model,
+        tuple(problem.outputs),
+        problem.settings,
+        problem.witness,
+    )
+
+
+def choosing_records(problem: TraceProblem, held: HeldOutData) -> Flight:
+    """The records that effects may be chosen by: those that are held out take no part where two or more are fitted."""
+    return every_record(problem, held if held.choosing else HeldOutData())
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,10 +127,10 @@ def _alike(found: Sequence[Quantity], absent: float | None) -> bool:
     zero = 0.0 if absent is None else absent
     weight = 1.0 / np.maximum(std, 0.05 * np.abs(values - zero) + 1e-300) ** 2
     mean = float(values @ weight / weight.sum())
-    agree = np.abs(values - mean) <= np.maximum(AGREE * std, ALIKE * abs(mean - zero))
+    agree = np.abs(values - mean) <= np.maximum(thresholds.AGREE * std, thresholds.ALIKE * abs(mean - zero))
     if absent is None:
         # A limit, or a frequency: records that do not reach it say nothing, but one alone is no replication.
-        return bool(np.all(agree) and np.count_nonzero(std < KNOWN * np.abs(values)) >= min(2, len(found)))
+        return bool(np.all(agree) and np.count_nonzero(std < thresholds.KNOWN * np.abs(values)) >= min(2, len(found)))
     side = np.sign(values - zero) == np.sign(mean - zero)
-    stand = np.abs(values - zero) > STANDS * std
+    stand = np.abs(values - zero) > thresholds.OFF_ABSENCE * std
     return bool(np.all(agree) and np.all(side | (np.abs(values - zero) < std)) and np.count_nonzero(stand) >= max(1, len(found) - 1))

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.statistics.coloured_covariance import autocovariance
+from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
 
-ORDER = 12
 SILENT = 1e-300  # variance of a residual that is exactly zero
 
 
@@ -27,7 +27,7 @@ def coloured_gain(before: Sequence[Fit], after: Sequence[Fit]) -> float:
         valid = one.layout.problems[0].valid
         for i in np.flatnonzero(one.layout.used & two.layout.used):
             count = float(np.count_nonzero(valid[i]))
-            if count > 4 * ORDER:
+            if count > 4 * thresholds.AUTOREGRESSION:
                 total += 0.5 * count * (innovation_level(one.residuals[0][i], valid[i]) - innovation_level(two.residuals[0][i], valid[i]))
     return total
 
@@ -39,12 +39,12 @@ def innovation_level(residual: np.ndarray, valid: np.ndarray) -> float:
     """
     count = float(np.count_nonzero(valid))
     series = np.where(valid, residual - residual[valid].mean(), 0.0)
-    covariance = autocovariance(series, ORDER) * len(series) / count
+    covariance = autocovariance(series, thresholds.AUTOREGRESSION) * len(series) / count
     variance, coefficients = float(covariance[0]), np.zeros(0)
     if variance <= 0.0:
         return float(np.log(SILENT))
     best = np.log(variance)
-    for order in range(1, ORDER + 1):
+    for order in range(1, thresholds.AUTOREGRESSION + 1):
         reflection = (covariance[order] - coefficients @ covariance[order - 1 : 0 : -1]) / variance if order > 1 else covariance[1] / variance
         coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
         variance *= max(1.0 - reflection**2, 1e-12)

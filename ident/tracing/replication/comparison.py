@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
 from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
-from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear
+from ident.tracing.screening.score_test import Finding, collinear
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import Effect
-
-SURE = 2.0  # of its scatter
-SMALL = 0.04  # of ln(error): no one would prefer one cause to another by less
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,18 +70,20 @@ def _better_guard(guard: CrossValidation, best: CrossValidation) -> bool:
     if best.effect.name in getattr(guard.effect, "within", ()):
         return False
     behind, scatter = _behind(guard, best)
-    tie = guard.stands and guard.finding.parameters <= best.finding.parameters and behind <= max(scatter, 0.5 * SMALL)
-    return tie or behind < -SURE * scatter
+    tie = guard.stands and guard.finding.parameters <= best.finding.parameters and behind <= max(scatter, 0.5 * thresholds.NO_PREFERENCE)
+    return tie or behind < -thresholds.BEYOND_ITS_SCATTER * scatter
 
 
 def _as_good(item: CrossValidation, best: CrossValidation) -> bool:
     """Whether an effect would do in the place of the best: as good on held-out data but for scatter, or nearly so and of like signature."""
     behind, scatter = _behind(item, best)
-    return behind <= (3.0 if _same_trace(item, best) else SURE) * max(scatter, 0.5 * SMALL)
+    return behind <= (thresholds.SAME_TRACE_SCATTER if _same_trace(item, best) else thresholds.BEYOND_ITS_SCATTER) * max(
+        scatter, 0.5 * thresholds.NO_PREFERENCE
+    )
 
 
 def _same_trace(item: CrossValidation, best: CrossValidation) -> bool:
-    return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > COLLINEAR
+    return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > thresholds.COLLINEAR
 
 
 def _behind(item: CrossValidation, best: CrossValidation) -> tuple[float, float]:

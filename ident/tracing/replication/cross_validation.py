@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, guards_among, is_event
-from ident.tracing.candidate_model.quantities import CLEARLY, implausible
+from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, own_quantities, replicate
 from ident.tracing.replication.coloured_null import coloured_gain
-from ident.tracing.replication.comparison import SMALL, SURE, CrossValidatedEffect, CrossValidation, choose
+from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
@@ -27,15 +28,6 @@ from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import Effect, NoiseEffect
 from sim.declaration.proposal import fitted_to
-
-WORTH = 0.1  # least fall of ln(error), a mean over the channels: less is what a dozen small causes make
-WORSE = 0.05  # growth of ln(error) of one channel that is borne, or half of what is gained in the mean, beside twice its scatter
-MOST, GUARDS = 6, 3  # candidates and guards fitted in full
-HOPELESS = 0.1  # of the best projected gain, below which nothing is fitted
-BEYOND = 0.1  # of a curve's range, flown by one record alone
-HALF = 0.5  # of that, on the fitted records, without which held-out ones are not asked
-FEW = 3  # records, of which the others are fitted anew when one is left out
-DEEPEST = 2
 
 
 def cross_validate(flight: Flight, candidates: Sequence[Effect], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
@@ -54,7 +46,7 @@ def cross_validate(flight: Flight, candidates: Sequence[Effect], root: FittedMod
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
     root_model = flight.fit((), range(len(flight.records)), None, root.values.shared)
     steps: list[_Step] = []
-    while root_model is not None and len(found) < DEEPEST:
+    while root_model is not None and len(found) < thresholds.DEEPEST:
         step = _weigh_all(flight, usable, found[-1].best.fitted if found else root_model)
         if step is None:
             break
@@ -87,7 +79,7 @@ def _weigh_all(flight: Flight, candidates: Sequence[Effect], fitted: FittedModel
         return None
     findings = _promising(fitted, candidates)
     guards = [finding for finding in findings if guards_among([finding.effect.name])]
-    tried = [finding for finding in findings if finding not in guards][:MOST] + guards[:GUARDS]
+    tried = [finding for finding in findings if finding not in guards][: thresholds.CANDIDATES_FITTED] + guards[: thresholds.GUARDS_FITTED]
     results = [item for item in (_weigh(flight, fitted, finding, before) for finding in tried) if item is not None]
     return _Step(fitted, before, findings, results, choose(results, flight.witness))
 
@@ -106,7 +98,7 @@ def _pair_instead(
         return None, []
     # What a witness speaks for need not be better by as much.
     vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects)
-    if not vouched and fall < reached + (SMALL if len(found) > 1 else HALF * WORTH):
+    if not vouched and fall < reached + (thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.HALF_OF_IT * thresholds.WORTH):
         return None, []
     validated: list[CrossValidatedEffect] = []
     weighed: list[CrossValidation] = []
@@ -125,8 +117,8 @@ def _pair_instead(
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & validated[-1].best.predictions.keys())
     lowered = reduction([last[r] for r in common], [validated[-1].best.predictions[r] for r in common])
-    least = 0.0 if vouched else SMALL if len(found) > 1 else WORTH
-    return (validated[::-1] if lowered.total < -max(least, SURE * lowered.scatter) else None), weighed
+    least = 0.0 if vouched else thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.WORTH
+    return (validated[::-1] if lowered.total < -max(least, thresholds.BEYOND_ITS_SCATTER * lowered.scatter) else None), weighed
 
 
 def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]) -> FittedModel | None:
@@ -144,7 +136,7 @@ def _promising(fitted: FittedModel, candidates: Sequence[Effect]) -> list[Findin
     return [
         finding
         for finding in findings
-        if finding.gain > HOPELESS * most and 2.0 * share * finding.gain > finding.parameters * np.log(max(samples, np.e))
+        if finding.gain > thresholds.HOPELESS_IN_REPLICATION * most and 2.0 * share * finding.gain > finding.parameters * np.log(max(samples, np.e))
     ]
 
 
@@ -154,7 +146,7 @@ def _left_out(flight: Flight, fitted: FittedModel, which: Sequence[int] | None =
     for r in range(len(flight.records)) if which is None else which:
         record = flight.records[r]
         trained: FittedModel | None = without_record(fitted, r)
-        if len(flight.records) <= FEW:
+        if len(flight.records) <= thresholds.WHOLE_REFIT_UP_TO:
             others = [other for other in range(len(flight.records)) if other != r]
             trained = flight.fit(fitted.effects, others, fitted.values)
         frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
@@ -174,7 +166,7 @@ def within_reach(fitted: FittedModel, effect: Effect) -> list[int]:
     for r in range(count):
         others = fitted_to(effect, search_context(fitted, which=[other for other in range(count) if other != r]))
         beyond = max(others.low - low, high - others.high)  # type: ignore[attr-defined]
-        if beyond <= BEYOND * (high - low):
+        if beyond <= thresholds.BEYOND_RANGE * (high - low):
             inside.append(r)
     return inside
 
@@ -205,7 +197,7 @@ def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mappin
         child = flight.fit(effects, everything, fitted.values, near_absence(finding.effect, finding.starts[0]))
     if child is None:
         return None
-    if _fitted_change(fitted, child) > -HALF * WORTH:
+    if _fitted_change(fitted, child) > -thresholds.HALF_OF_IT * thresholds.WORTH:
         return None
     asked = within_reach(fitted, finding.effect)
     after = _left_out(flight, child, asked) if asked else None
@@ -213,12 +205,12 @@ def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mappin
         return None
     pairs = [before[r] for r in asked], [after[r] for r in asked]
     lowered, gain = reduction(*pairs), coloured_gain(*pairs)
-    if lowered.total > -WORTH:
+    if lowered.total > -thresholds.WORTH:
         why = "it does not lower the held-out error enough"
         return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
-    if stands and distance_from_absence(child, finding.effect) < CLEARLY:
+    if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
         stands, why = False, "a colour of the residual does as well"
@@ -235,12 +227,12 @@ def _fitted_change(fitted: FittedModel, child: FittedModel) -> float:
 
 def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     """Whether it stands, and why not."""
-    if lowered.total > -SURE * lowered.scatter:
+    if lowered.total > -thresholds.BEYOND_ITS_SCATTER * lowered.scatter:
         return False, "the fall of the held-out error is within its scatter"
-    if np.any(lowered.by_channel > max(WORSE, -0.5 * lowered.total) + 2.0 * lowered.channel_scatter):
+    if np.any(lowered.by_channel > max(thresholds.CHANNEL_WORSE, -0.5 * lowered.total) + 2.0 * lowered.channel_scatter):
         return False, "one channel gets worse"
     # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
-    if any(total > SURE * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
+    if any(total > thresholds.BEYOND_ITS_SCATTER * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
         return False, "it makes a record worse"
     if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
         return False, "it helps on too few records"

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
-
-BLOCK = 1.5  # s, beyond which the residual of a short-period model hardly remembers itself
-DRAWS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ def reduction(before: Sequence[Fit], after: Sequence[Fit]) -> Reduction:
     rng = np.random.default_rng(0)
 
     def redrawn(parts: np.ndarray) -> np.ndarray:
-        return np.asarray(parts[rng.integers(len(parts), size=(DRAWS, len(parts)))].sum(axis=1))
+        return np.asarray(parts[rng.integers(len(parts), size=(thresholds.BOOTSTRAP_DRAWS, len(parts)))].sum(axis=1))
 
     drawn = redrawn(sums)
     by_channel = _log_ratio(sums.sum(axis=0))
@@ -65,7 +63,7 @@ def _block_sums(before: Fit, after: Fit) -> np.ndarray:
     """Sums of squared errors in each block of one record, ``(blocks, 2, m)``: before and after."""
     time = before.layout.problems[0].record.time
     interval = (time[-1] - time[0]) / (len(time) - 1)
-    size = max(5, round(BLOCK / interval))
+    size = max(5, round(thresholds.BLOCK / interval))
     edges = np.arange(0, len(time), size)
     squares = np.stack([before.residuals[0] ** 2, after.residuals[0] ** 2])
     return np.add.reduceat(squares, edges, axis=2).transpose(2, 0, 1)

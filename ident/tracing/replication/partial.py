@@ -8,18 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
-from ident.tracing.replication.between_records import FEWEST
-from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.by_record import choosing_records, own_quantities
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.cross_validation import cross_validate
-from ident.tracing.selection.search import Search
-from ident.tracing.validation.held_out import HeldOut, held_out
+from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.whole_record.output_error import estimate_of
-from sim.record import Record
-
-ALTERNATIVES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,29 +27,28 @@ class Partial:
     claims: tuple[Claim, ...]
     fitted: FittedModel
     out: HeldOut
-    evidence: tuple[Candidate, ...]
 
 
-def cross_validated(search: Search, root: FittedModel, validation: Sequence[Record], masks: Sequence[np.ndarray] | None) -> Partial | None:
+def cross_validated(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects of the library that replicate and lower the held-out error although what remains is not noise; None where none does."""
-    if masks is None or has_process_noise(root.system) or len(search.records) + len(validation) < 2:
-        return None
-    flight = Flight((*search.records, *validation), (*search.masks, *masks), search.model, tuple(search.outputs), search.settings, search.witness)
-    search.progress("looking for what replicates", 0.92)
-    validated, weighed = cross_validate(flight, search.candidates, root)
-    if not validated:
-        search.evidence += [_candidate(item, chosen=False) for item in weighed]
-        return None
-    fitted = search.fit(tuple(item.best.effect for item in validated), root, _starts(validated))
+    problem = ledger.problem
+    flight = choosing_records(problem, held)
+    if held.masks is None or has_process_noise(root.system) or len(flight.records) < 2:
+        return ledger, None
+    problem.progress("looking for what replicates", 0.92)
+    chosen, weighed = cross_validate(flight, problem.candidates, root)
+    if not chosen:
+        return ledger.told(evidence=[_candidate(item, chosen=False) for item in weighed]), None
+    ledger, fitted = fit(ledger, tuple(item.best.effect for item in chosen), root, _starts(chosen))
     if fitted is None:
-        return None
-    search.keep(fitted, fitted.criterion)
-    for item in validated:
-        search.steps.append(Step(item.best.fitted.names, item.best.fitted.criterion, item.best.fitted.fit.log_likelihood, _sentence(item)))
-    claims = tuple(_claim(fitted, item) for item in validated)
-    members = {id(member) for item in validated for member in (item.best, *item.others)}
-    evidence = tuple(_candidate(item, chosen=id(item) in members) for item in weighed)
-    return Partial(claims, fitted, held_out(fitted, validation, masks), evidence)
+        return ledger, None
+    ledger = ledger.kept(fitted, fitted.criterion)
+    ledger = ledger.told(
+        *(Step(item.best.fitted.names, item.best.fitted.criterion, item.best.fitted.fit.log_likelihood, _sentence(item)) for item in chosen)
+    )
+    members = {id(member) for item in chosen for member in (item.best, *item.others)}
+    ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in weighed])
+    return ledger, Partial(tuple(_claim(fitted, item) for item in chosen), fitted, predicted_by(fitted, held))
 
 
 def _starts(validated: Sequence[CrossValidatedEffect]) -> dict[str, float]:
@@ -61,7 +58,7 @@ def _starts(validated: Sequence[CrossValidatedEffect]) -> dict[str, float]:
 
 def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
     best = item.best
-    members = (best, *item.others[:ALTERNATIVES])
+    members = (best, *item.others[: thresholds.ALTERNATIVES_NAMED])
     evidence = Evidence(
         best.reduction.share,
         float(best.reduction.share * best.reduction.scatter),
@@ -69,7 +66,7 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         {member.effect.name: _derivatives(member.fitted) for member in members},
         best.fitted.names[:-1],
     )
-    alternatives = tuple(other.effect.name for other in item.others[:ALTERNATIVES])
+    alternatives = tuple(other.effect.name for other in item.others[: thresholds.ALTERNATIVES_NAMED])
     found = {
         name: _scattered(quantity, [own[name].value for own in best.replication.values])
         for name, quantity in own_quantities(fitted, best.effect).items()
@@ -79,7 +76,7 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:
     """A quantity with a sigma not below what the scatter between records leaves of their mean."""
-    floor = float(np.std(values, ddof=1)) / np.sqrt(len(values)) if len(values) >= FEWEST else 0.0
+    floor = float(np.std(values, ddof=1)) / np.sqrt(len(values)) if len(values) >= thresholds.FEWEST_RECORDS else 0.0
     return Quantity(quantity.value, max(quantity.std, floor), quantity.unit)
 
 
@@ -95,8 +92,7 @@ def _candidate(item: CrossValidation, *, chosen: bool) -> Candidate:
     names = item.fitted.names
     p_value = float(chdtrc(item.finding.parameters, max(2.0 * item.gain, 0.0)))
     found = own_quantities(item.fitted, item.effect)
-    plausible = getattr(item.effect, "plausible", {})
-    believed = all(plausible[name][0] <= q.value <= plausible[name][1] for name, q in found.items() if name in plausible)
+    believed = not implausible(item.effect, found, slack=0.0)
     why = "stands, but another does better" if item.stands and not chosen else item.why
     return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)
 

@@ -7,11 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import guards_among
-from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, same_sensor_twins
-
-MOST = 3
-MARGIN = 0.01  # of ln(error): less is rounding of the projection
+from ident.tracing.screening.score_test import Finding, collinear, same_sensor_twins
 
 
 def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: float) -> list[tuple[Finding, Finding]]:
@@ -28,10 +26,10 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
         (fall, one, other)
         for one, other in combinations(usable, 2)
         if other.effect.name not in same_sensor_twins(one.effect.name)
-        and collinear(one, other) < COLLINEAR
-        and (fall := joint_fall(one, other, samples)) > least + MARGIN
+        and collinear(one, other) < thresholds.COLLINEAR
+        and (fall := joint_fall(one, other, samples)) > least + thresholds.ROUNDING
     ]
-    return [(one, other) for _, one, other in sorted(falls, key=lambda item: -item[0])[:MOST]]
+    return [(one, other) for _, one, other in sorted(falls, key=lambda item: -item[0])[: thresholds.PAIRS_FITTED]]
 
 
 def joint_fall(one: Finding, other: Finding, samples: float) -> float:

@@ -11,18 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.proposal import Probe, SearchContext, fitted_to
 from sim.errors import ModelError
-
-COLLINEAR = 0.9
-
-SLOPE_STEP = 1e-4  # of a parameter's declared size
-COARSE = 0.025  # s, a sub-step that ranks candidates well enough
-PLACES = 60  # over the record, for effects that may begin anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +133,7 @@ def _places(fitted: FittedModel, probe: Probe, onset: str) -> list[int]:
     if not (probe.shifts and onset):
         return [0]
     longest = max(len(problem.record) for problem in fitted.fit.layout.problems)
-    return list(range(0, longest - 2, max(1, longest // PLACES)))
+    return list(range(0, longest - 2, max(1, longest // thresholds.PLACES)))
 
 
 def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
@@ -206,7 +201,7 @@ def _signatures(fitted: FittedModel, effect: Effect, probes: Sequence[Probe]) ->
         for column, values in enumerate(columns):
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
-        problem = record_problem(old.record, system, max(layout.settings.max_step, COARSE), (), (), valid=old.valid)
+        problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
         states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
         y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))
@@ -233,7 +228,7 @@ def _alternatives(
         if any(probe.values.get(local) != value for local, value in effect.absent.items()):
             reference = len(columns)
             columns.append(full)
-        steps = np.array([SLOPE_STEP * size[local] for local in probe.slopes])
+        steps = np.array([thresholds.SLOPE_STEP * size[local] for local in probe.slopes])
         where.append((len(columns), len(steps), reference, steps))
         columns += [{**full, full_name(effect, local): probe.values[local] + step} for local, step in zip(probe.slopes, steps.tolist(), strict=True)]
     return columns, where
@@ -256,7 +251,7 @@ def _start(effect: Effect, probe: Probe, amplitudes: np.ndarray) -> dict[str, fl
 
 def _differs(a: np.ndarray, b: np.ndarray) -> bool:
     size = np.linalg.norm(a) * np.linalg.norm(b)
-    return bool(size > 0 and abs(a @ b) < 0.95 * size)
+    return bool(size > 0 and abs(a @ b) < thresholds.DISTINCT * size)
 
 
 def same_sensor_twins(name: str) -> tuple[str, ...]:

@@ -2,74 +2,72 @@
 
 from __future__ import annotations
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
-from ident.tracing.selection.criterion import is_coloured_throughout, is_white
+from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand
-from ident.tracing.selection.search import Search
+from ident.tracing.selection.ledger import Ledger, fit
+from sim.declaration.effect import Effect
 from sim.declaration.proposal import Refinable
 
-GROSSLY = 1e-20  # p-value of whiteness that no fit to the end mends
 
-
-def backward_elimination(search: Search, fitted: FittedModel) -> FittedModel:
+def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
     """Drop each effect whose removal costs less than an addition has to bring; try to extend once more after a drop."""
-    best = fitted
+    best, accept = fitted, ledger.problem.settings.accept
     while len(best.effects) > 1:
         smaller = []
         for effect in best.effects:
-            rest = tuple(other for other in best.effects if other.name != effect.name)
-            key = frozenset(other.name for other in rest)
-            # From the set's own values: the fitted model kept from the way up may stand in a worse optimum.
-            again, kept = search.fit(rest, best), search.fitted_models.get(key)
-            known = [fitted for fitted in (again, kept) if fitted is not None]
-            if not known:
-                continue
-            without = min(known, key=lambda fitted: fitted.fit.cost)
-            loss = search.gain(without, best)
-            if loss < search.settings.accept:
+            ledger, without = fitted_without(ledger, best, effect)
+            if without is not None and (loss := gain(without, best, accept)) < accept:
                 smaller.append((loss, without, effect.name))
         if not smaller:
-            return best
+            break
         loss, without, name = min(smaller, key=lambda item: item[0])
-        search.keep(without, search.score(best) + loss)
-        search.steps.append(
-            Step(without.names, search.score(without), without.fit.log_likelihood, f"{name} is no longer needed (it brings {loss:.1f})")
-        )
-        best = without
-        for child in expand(search, best, len(best.effects) + 1):
-            if search.score(child) < search.score(best):
-                best = child
-    return best
+        ledger = ledger.kept(without, ledger.score(best) + loss)
+        sentence = f"{name} is no longer needed (it brings {loss:.1f})"
+        ledger = ledger.told(Step(without.names, ledger.score(without), without.fit.log_likelihood, sentence))
+        ledger, children = expand(ledger, without, len(without.effects) + 1)
+        best = min((without, *children), key=ledger.score)
+    return ledger, best
 
 
-def refined(search: Search, fitted: FittedModel) -> FittedModel:
+def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Effect, *, rough: bool = False) -> tuple[Ledger, FittedModel | None]:
+    """A set without one of its effects, the better of two fits: the one that is kept, and one from the set's own values.
+
+    The one kept from the way up may stand in a worse optimum.
+    """
+    rest = tuple(other for other in fitted.effects if other.name != effect.name)
+    ledger, again = fit(ledger, rest, fitted, rough=rough)
+    both = [known for known in (again, ledger.models.get(frozenset(other.name for other in rest))) if known is not None]
+    return ledger, min(both, key=lambda known: known.fit.cost, default=None)
+
+
+def refined(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
     """The same set fitted to the end, in its freer form where that brings enough; as it is where no channel is anywhere near noise."""
-    if is_coloured_throughout(fitted, GROSSLY):
-        return fitted
-    again = search.fit(fitted.effects, fitted)
+    if is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED):
+        return ledger, fitted
+    ledger, again = fit(ledger, fitted.effects, fitted)
     best = again if again is not None and again.fit.cost <= fitted.fit.cost + 1e-6 else fitted
-    score = search.score(fitted) - 2.0 * (fitted.fit.cost - best.fit.cost)
-    search.fitted_models[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
-    return freer_form(search, best, least=0.0)
+    ledger = ledger.replaced(best, ledger.score(fitted) - 2.0 * (fitted.fit.cost - best.fit.cost))
+    return freer_form(ledger, best, least=0.0)
 
 
-def freer_form(search: Search, fitted: FittedModel, least: float = 1e-3) -> FittedModel:
+def freer_form(ledger: Ledger, fitted: FittedModel, least: float = thresholds.COLOURED) -> tuple[Ledger, FittedModel]:
     """The set with an effect in its freer form, of the same name, where that brings as much as an addition has to.
 
     Tried before anything is added to a set whose residual is not white (whose whiteness has a p-value below ``least``,
     always where that is zero): what a plain form leaves would be taken for a further effect.
     """
-    if search.exhausted or (least > 0.0 and is_white(fitted, least)):
-        return fitted
-    best, score = fitted, search.score(fitted)
+    if ledger.exhausted or (least > 0.0 and is_white(fitted, least)):
+        return ledger, fitted
+    best, score, accept = fitted, ledger.score(fitted), ledger.problem.settings.accept
     for position, effect in enumerate(fitted.effects):
         if not isinstance(effect, Refinable):
             continue
-        finer = search.fit((*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
-        if finer is not None and search.gain(best, finer) > search.settings.accept:
-            gain = search.gain(best, finer)
-            search.steps.append(Step(finer.names, score - gain, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {gain:.1f}"))
-            best, score = finer, score - gain
-    search.fitted_models[frozenset(best.names)], search.scores[frozenset(best.names)] = best, score
-    return best
+        ledger, finer = fit(ledger, (*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
+        if finer is not None and (brought := gain(best, finer, accept)) > accept:
+            score -= brought
+            ledger = ledger.told(Step(finer.names, score, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {brought:.1f}"))
+            best = finer
+    return ledger.replaced(best, score), best

@@ -6,12 +6,24 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ljung_box
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 
-FEW = 3  # samples
 
-FEWEST = 20  # samples of a channel, below which nothing is said of its colour
+def gain(parent: FittedModel, child: FittedModel, accept: float) -> float:
+    """By how much an addition lowers the score: twice the log-likelihood gain over its unevenness, less its price.
+
+    ``accept`` : what an addition has to bring; half of it is granted beyond what the samples bring that do not dominate.
+    """
+    price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
+    brought = 2.0 * (parent.fit.cost - child.fit.cost)
+    if has_process_noise(child.system):
+        # Innovations are of variance one whatever the likelihood: there is no saying which samples brought the gain.
+        return brought / (unevenness(parent, child) if has_process_noise(parent.system) else 1.0) - price
+    spread = brought * (1.0 - few_samples(parent, child)) + 0.5 * accept
+    return min(brought / unevenness(parent, child), spread) - price
 
 
 def unevenness(parent: FittedModel, child: FittedModel) -> float:
@@ -43,7 +55,7 @@ def few_samples(parent: FittedModel, child: FittedModel) -> float:
         ]
     )
     total = float(gained.sum())
-    return float(np.clip(np.sort(gained)[-FEW:].sum() / total, 0.0, 1.0)) if total > 0 else 1.0
+    return float(np.clip(np.sort(gained)[-thresholds.SAMPLES_THAT_MAY_DOMINATE :].sum() / total, 0.0, 1.0)) if total > 0 else 1.0
 
 
 def _over_parent(parent: FittedModel, child: FittedModel, r: int) -> np.ndarray:
@@ -51,7 +63,7 @@ def _over_parent(parent: FittedModel, child: FittedModel, r: int) -> np.ndarray:
     return child.fit.residuals[r] / np.sqrt(parent.fit.variance)[:, None]
 
 
-def is_white(fitted: FittedModel, least: float = 1e-3) -> bool:
+def is_white(fitted: FittedModel, least: float = thresholds.COLOURED) -> bool:
     """Whether no channel's residual shows correlation: no p-value below ``least``."""
     return all(p_value > least for p_value in _whiteness(fitted))
 
@@ -66,5 +78,5 @@ def _whiteness(fitted: FittedModel) -> Iterator[float]:
     """P-values of every channel of every record that measures it."""
     for problem, residual in zip(fitted.fit.layout.problems, fitted.fit.residuals, strict=True):
         for i, name in enumerate(fitted.system.output_names):
-            if np.count_nonzero(problem.valid[i]) >= FEWEST:
+            if np.count_nonzero(problem.valid[i]) >= thresholds.FEWEST_SAMPLES:
                 yield ljung_box(residual[i], problem.valid[i], name).p_value

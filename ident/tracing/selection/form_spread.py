@@ -6,12 +6,12 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.selection.search import Search
+from ident.tracing.candidate_model.problem import TraceProblem
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.proposal import Refinable
 
 
-def form_spread(search: Search, fitted: FittedModel) -> dict[str, float]:
+def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
     """By how much the declared parameters move, beyond chance, where every effect of a set takes its freer form; empty where none has one.
 
     A derivative is a slope at trim, and the plain form of a curve is not the truth's: its sigma knows of noise alone. The move is
@@ -20,13 +20,13 @@ def form_spread(search: Search, fitted: FittedModel) -> dict[str, float]:
     freer = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in fitted.effects)
     if freer == fitted.effects or has_process_noise(fitted.system):
         return {}
-    other = search.fit(freer, fitted)
+    other = problem.fit(freer, fitted)
     if other is None or other.fit.cost > fitted.fit.cost:
         return {}
     plain, free = estimate_of(fitted.fit), estimate_of(other.fit)
     spread = {}
     for name in plain.names:
-        if name in search.model.parameters and name in free.names:
+        if name in problem.model.parameters and name in free.names:
             chance = max(0.0, free.sigma(name) ** 2 - plain.sigma(name) ** 2)
             spread[name] = float(np.sqrt(max(0.0, (free.value(name) - plain.value(name)) ** 2 - chance)))
     return {name: value for name, value in spread.items() if np.isfinite(value)}

@@ -1,118 +1,156 @@
-"""Forward search with a beam, then a look back: which set of effects explains the records best.
+"""Forward selection with a beam: which set of effects explains the records best.
 
-An addition counts only if it lowers the score by more than the best of all candidates does on noise. At the end each
-effect has to show that it is still needed.
+An addition counts only if it lowers the score by more than the best of all candidates does on noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, Values, fit_set, guards_among
-from ident.tracing.selection.backward import GROSSLY, freer_form
-from ident.tracing.selection.criterion import is_coloured_throughout, is_white
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set, guards_among
+from ident.tracing.selection.backward import freer_form
+from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
-from ident.tracing.selection.search import Search
+from ident.tracing.selection.ledger import Ledger
 from sim.declaration.effect import NoiseEffect
 
-DOMINANT = 3.0  # times what the best single cause brings: process noise that brings so much is no stand-in for a cause
+Beam = list[FittedModel]
 
 
-def first_round(search: Search, root: FittedModel) -> list[FittedModel]:
+def first_round(ledger: Ledger, root: FittedModel) -> tuple[Ledger, Beam]:
     """The best sets of one effect, a beam of them."""
-    search.keep(root, root.criterion)
-    return [freer_form(search, fitted) for fitted in _best(search, expand(search, root, 1))]
+    ledger, children = expand(ledger.kept(root, root.criterion), root, 1)
+    return _freer_forms(ledger, _best(ledger, children))
 
 
 def defies(root: FittedModel, first: Sequence[FittedModel]) -> bool:
     """Whether neither the declared model nor any single effect comes anywhere near noise in any channel of any record."""
-    return all(is_coloured_throughout(fitted, GROSSLY) for fitted in (root, *first))
+    return all(is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED) for fitted in (root, *first))
 
 
-def forward_selection(search: Search, root: FittedModel, first: Sequence[FittedModel]) -> FittedModel:
-    """Add effects round by round to the sets of the first one; returns the best node found.
+def forward_selection(ledger: Ledger, root: FittedModel, first: Sequence[FittedModel]) -> tuple[Ledger, FittedModel]:
+    """Add effects round by round to the sets of the first one; the best set found.
 
     The best set is extended first. Where nothing can be added to it and its residual is white the search is over: a
     second-best set is looked at only as long as something is missing from the best. Process noise takes in whatever has
     a cause, so it is offered only where no single cause leaves noise.
     """
     beam = list(first)
-    moving: list[FittedModel] = []
+    moving: Beam = []
     if not any(is_white(fitted) for fitted in beam):
-        moving = with_process_noise(search, root, 1)
-        most = max((search.score(root) - search.score(fitted) for fitted in beam), default=0.0)
-        plain = [fitted for fitted in moving if is_white(fitted) or search.score(root) - search.score(fitted) > DOMINANT * most]
-        beam = _best(search, [*beam, *plain])
-    for number in range(2, search.settings.depth + 1):
-        children: list[FittedModel] = []
-        for place, fitted in enumerate(beam):
-            found = expand(search, fitted, number)
-            children += found
-            if place == 0 and (is_white(fitted) if not found else has_process_noise(fitted.system) and any(is_white(child) for child in found)):
-                break
-        beam = [freer_form(search, fitted) for fitted in _best(search, children)]
+        ledger, moving = with_process_noise(ledger, root, 1)
+        beam = _best(ledger, [*beam, *_no_stand_in(ledger, root, beam, moving)])
+    for number in range(2, ledger.problem.settings.depth + 1):
+        ledger, children = _expand_beam(ledger, beam, number)
+        ledger, beam = _freer_forms(ledger, _best(ledger, children))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
-            together = _moving(search, first, 2) or [child for fitted in moving for child in expand(search, fitted, 2)]
-            beam = _best(search, [*beam, *together])
+            ledger, together = _white_with_process_noise(ledger, first, 2)
+            if not together:
+                ledger, together = _expand_all(ledger, moving, 2)
+            beam = _best(ledger, [*beam, *together])
         if not beam:
             break
-    return _best_found(search)
+    return ledger, _best_found(ledger)
 
 
-def _best_found(search: Search) -> FittedModel:
-    """The set of lowest score; where that leaves no noise, the best of those that do.
-
-    Scores of events and of process noise do not compare: unevenness is charged to the one only.
-    """
-    best = min(search.fitted_models.values(), key=search.score)
-    if is_white(best, search.settings.white):
-        return best
-    white = [fitted for fitted in search.fitted_models.values() if is_white(fitted, search.settings.white) and not guards_among(fitted.names)]
-    return min(white, key=search.score, default=best)
-
-
-def hopeless(search: Search, fitted: FittedModel) -> bool:
+def hopeless(ledger: Ledger, fitted: FittedModel) -> bool:
     """Whether a set leaves colour throughout several records, which process noise does not take in either.
 
     That is asked of the shortest record alone: what it does not explain there it does not explain anywhere.
     """
-    if len(search.records) < 2 or has_process_noise(fitted.system) or not is_coloured_throughout(fitted, GROSSLY):
+    problem = ledger.problem
+    if len(problem.records) < 2 or has_process_noise(fitted.system) or not is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED):
         return False
     values = fitted.values
-    shortest = min(range(len(search.records)), key=lambda r: len(search.records[r]))
-    records, masks = [search.records[shortest]], [search.masks[shortest]]
-    start = Values(values.shared, (values.own[shortest],), (values.states[shortest],))
-    for effect in search.candidates:
+    shortest = min(range(len(problem.records)), key=lambda r: len(problem.records[r]))
+    data = FitData([problem.records[shortest]], [problem.masks[shortest]], problem.model, problem.outputs)
+    start = Start(Values(values.shared, (values.own[shortest],), (values.states[shortest],)))
+    for effect in problem.candidates:
         if isinstance(effect, NoiseEffect):
-            moved = fit_set(records, search.model, (*fitted.effects, effect), search.outputs, search.roughly, masks, 0.0, start)
-            if moved is not None and is_white(moved, GROSSLY):
+            moved = fit_set(data, (*fitted.effects, effect), problem.roughly, start)
+            if moved is not None and is_white(moved, thresholds.GROSSLY_COLOURED):
                 return False
     return True
 
 
-def extended(search: Search, root: FittedModel, fitted: FittedModel) -> FittedModel:
+def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
     """A set that was found by other means, extended like those of the search, with half of its means anew."""
-    search.spent = min(search.spent, 0.5 * search.settings.budget)
-    search.keep(fitted, search.score(root) - search.gain(root, fitted))
-    best = freer_form(search, search.fitted_models[frozenset(fitted.names)])
-    while len(best.effects) < search.settings.depth and not is_white(best):
+    settings = ledger.problem.settings
+    ledger = replace(ledger, spent=min(ledger.spent, 0.5 * settings.budget))
+    ledger = ledger.kept(fitted, ledger.score(root) - gain(root, fitted, settings.accept))
+    ledger, best = freer_form(ledger, ledger.known(fitted))
+    while len(best.effects) < settings.depth and not is_white(best):
         number = len(best.effects) + 1
         # Process noise first: one fit tells whether it is all that is missing.
-        children = _moving(search, [best], number) or expand(search, best, number)
+        ledger, children = _white_with_process_noise(ledger, [best], number)
+        if not children:
+            ledger, children = expand(ledger, best, number)
         if not children:
             break
-        best = freer_form(search, min(children, key=search.score))
-    return best
+        ledger, best = freer_form(ledger, min(children, key=ledger.score))
+    return ledger, best
 
 
-def _moving(search: Search, fitted_models: Sequence[FittedModel], number: int) -> list[FittedModel]:
-    """The nodes with process noise, as far as that leaves noise."""
-    return [moved for fitted in fitted_models for moved in with_process_noise(search, fitted, number) if is_white(moved)]
+def _no_stand_in(ledger: Ledger, root: FittedModel, beam: Sequence[FittedModel], moving: Sequence[FittedModel]) -> Beam:
+    """Sets with process noise that leave noise, or bring so much more than the best cause that they do not stand in for one."""
+    most = max((ledger.score(root) - ledger.score(fitted) for fitted in beam), default=0.0)
+    return [moved for moved in moving if is_white(moved) or ledger.score(root) - ledger.score(moved) > thresholds.DOMINANT * most]
 
 
-def _best(search: Search, fitted_models: list[FittedModel]) -> list[FittedModel]:
+def _expand_beam(ledger: Ledger, beam: Sequence[FittedModel], number: int) -> tuple[Ledger, Beam]:
+    """Children of the sets of a beam, those of the best alone where nothing is missing from it."""
+    children: Beam = []
+    for place, fitted in enumerate(beam):
+        ledger, found = expand(ledger, fitted, number)
+        children += found
+        if place == 0 and (is_white(fitted) if not found else has_process_noise(fitted.system) and any(is_white(child) for child in found)):
+            break
+    return ledger, children
+
+
+def _expand_all(ledger: Ledger, sets: Sequence[FittedModel], number: int) -> tuple[Ledger, Beam]:
+    children: Beam = []
+    for fitted in sets:
+        ledger, found = expand(ledger, fitted, number)
+        children += found
+    return ledger, children
+
+
+def _white_with_process_noise(ledger: Ledger, sets: Sequence[FittedModel], number: int) -> tuple[Ledger, Beam]:
+    """The sets with process noise, as far as that leaves noise."""
+    white: Beam = []
+    for fitted in sets:
+        ledger, moved = with_process_noise(ledger, fitted, number)
+        white += [other for other in moved if is_white(other)]
+    return ledger, white
+
+
+def _freer_forms(ledger: Ledger, sets: Sequence[FittedModel]) -> tuple[Ledger, Beam]:
+    out: Beam = []
+    for fitted in sets:
+        ledger, freer = freer_form(ledger, fitted)
+        out.append(freer)
+    return ledger, out
+
+
+def _best(ledger: Ledger, sets: Sequence[FittedModel]) -> Beam:
     """The best different sets, as many as the beam is wide."""
-    unique = {frozenset(fitted.names): fitted for fitted in fitted_models}
-    return sorted(unique.values(), key=search.score)[: search.settings.beam]
+    unique = {frozenset(fitted.names): fitted for fitted in sets}
+    return sorted(unique.values(), key=ledger.score)[: ledger.problem.settings.beam]
+
+
+def _best_found(ledger: Ledger) -> FittedModel:
+    """The set of lowest score; where that leaves no noise, the best of those that do.
+
+    Scores of events and of process noise do not compare: unevenness is charged to the one only.
+    """
+    least = ledger.problem.settings.white
+    best = min(ledger.models.values(), key=ledger.score)
+    if is_white(best, least):
+        return best
+    white = [fitted for fitted in ledger.models.values() if is_white(fitted, least) and not guards_among(fitted.names)]
+    return min(white, key=ledger.score, default=best)

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.statistics.robust import robust_sigma
+from ident.tracing import thresholds
 from sim.record import Record
-
-PROVISIONAL, FINAL = 8.0, 5.5  # robust sigmas
-TAIL = (3.7, 6.5)  # sigmas: more samples there than Gaussian noise explains make a channel heavy-tailed
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray)
         away = from_neighbours(residual[i], valid[i])
         sigma = robust_sigma(away[valid[i]])
         if sigma > 0:
-            keep[i] = ~(_isolated(np.abs(away) > PROVISIONAL * sigma) & ~edges)
+            keep[i] = ~(_isolated(np.abs(away) > thresholds.SPIKE_WHILE_SEARCHING * sigma) & ~edges)
     return keep
 
 
@@ -56,7 +54,7 @@ def final_spikes(
             continue
         heavy = _heavy_tailed(pooled / sigma)
         for r, (residual, valid) in enumerate(zip(residuals, measured, strict=True)):
-            large = valid[i] & (np.abs(residual[i]) > FINAL * sigma)
+            large = valid[i] & (np.abs(residual[i]) > thresholds.SPIKE_AT_THE_END * sigma)
             alone = _isolated(large)
             if heavy:
                 continue
@@ -87,7 +85,7 @@ def input_spikes(values: np.ndarray) -> np.ndarray:
     height = values[1:-1] - 0.5 * (before + after)
     wander = np.abs(after - before)
     usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
-    found = (np.abs(height) > PROVISIONAL * usual) & (wander < 0.25 * np.abs(height))
+    found = (np.abs(height) > thresholds.SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
     return np.flatnonzero(found) + 1
 
 
@@ -112,8 +110,8 @@ def _isolated(large: np.ndarray) -> np.ndarray:
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
     """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a thousand (Poisson)."""
-    size = np.abs(normalised)
-    count = int(np.sum((size > TAIL[0]) & (size < TAIL[1])))
-    expected = len(normalised) * (math.erfc(TAIL[0] / math.sqrt(2)) - math.erfc(TAIL[1] / math.sqrt(2)))
+    (low, high), size = thresholds.HEAVY_TAIL, np.abs(normalised)
+    count = int(np.sum((size > low) & (size < high)))
+    expected = len(normalised) * (math.erfc(low / math.sqrt(2)) - math.erfc(high / math.sqrt(2)))
     tail = 1.0 - sum(math.exp(k * math.log(expected) - expected - math.lgamma(k + 1)) for k in range(count))
-    return tail < 1e-3
+    return tail < thresholds.HEAVY_TAIL_CHANCE

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
+from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Quantity, Step
-from ident.tracing.selection.search import Search
 from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
 from ident.tracing.validation.held_out import HeldOut
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
-
-NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off
 
 
 def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray]:
@@ -24,24 +23,24 @@ def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np
     return [record.output_array(outputs)[1] for record in records]
 
 
-def spike_masks(search: Search, fitted: FittedModel) -> list[np.ndarray]:
+def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
     """Provisional masks from a fitted model's residuals: what stands alone above its neighbours is set aside while searching."""
     masks = []
-    for problem, line, record in zip(fitted.fit.layout.problems, fitted.fit.lines, search.records, strict=True):
-        measured = record.output_array(search.outputs)[1]
-        residual = np.where(measured, problem.z - line.y, 0.0)
+    for laid, line, record in zip(fitted.fit.layout.problems, fitted.fit.lines, problem.records, strict=True):
+        measured = record.output_array(problem.outputs)[1]
+        residual = np.where(measured, laid.z - line.y, 0.0)
         masks.append(measured & provisional_mask(residual, measured, input_edges(record)))
     return masks
 
 
-def spike_claims(search: Search, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
+def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
     """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim."""
-    measured = measured_masks(search.records, search.outputs)
+    measured = measured_masks(problem.records, problem.outputs)
     residuals = [
-        np.where(valid, problem.z - line.y, 0.0) for valid, problem, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
+        np.where(valid, laid.z - line.y, 0.0) for valid, laid, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
     ]
-    blocked = [_near_events(fitted, r, record) for r, record in enumerate(search.records)]
-    masks, spikes = final_spikes(search.records, search.outputs, residuals, measured, blocked)
+    blocked = [_near_events(fitted, r, record) for r, record in enumerate(problem.records)]
+    masks, spikes = final_spikes(problem.records, problem.outputs, residuals, measured, blocked)
     units = {signal.name: signal.unit for signal in fitted.system.outputs}
     by_channel: dict[str, list[Spikes]] = {}
     for spike in spikes:
@@ -68,32 +67,34 @@ def mended_inputs(record: Record, claims: Sequence[str]) -> Record:
     return record
 
 
-def cleaned_inputs(search: Search, root: FittedModel) -> tuple[Search, FittedModel, list[Claim]]:
+def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProblem, FittedModel, list[Claim], list[Step]]:
     """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit better, and claimed."""
     claims: list[Claim] = []
+    steps: list[Step] = []
     for name in root.system.input_names:
-        found = [input_spikes(record[name].values) for record in search.records]
+        found = [input_spikes(record[name].values) for record in problem.records]
         if not any(samples.size for samples in found):
             continue
-        records = [_mended(record, name, samples) for record, samples in zip(search.records, found, strict=True)]
-        trial = replace(search, records=records)
+        trial = replace(problem, records=[_mended(record, name, samples) for record, samples in zip(problem.records, found, strict=True)])
         fitted = trial.fit((), root)
-        if fitted is None:
-            continue
-        brought = 2.0 * (root.fit.cost - fitted.fit.cost)
-        if brought > search.settings.accept:
-            spikes = [
-                Spikes(r, name, tuple(samples.tolist()), tuple((record[name].values - mended[name].values)[samples].tolist()))
-                for r, (record, mended, samples) in enumerate(zip(search.records, records, found, strict=True))
-                if samples.size
-            ]
+        brought = 2.0 * (root.fit.cost - fitted.fit.cost) if fitted is not None else 0.0
+        if fitted is not None and brought > problem.settings.accept:
             unit = root.system.inputs[root.system.input_names.index(name)].unit
-            claims.append(_claim(f"sensor-spikes:{name}", spikes, unit, max(float(np.ptp(search.records[0][name].values)) * 1e-3, 1e-12)))
-            trial.steps.append(
-                Step((), fitted.criterion, fitted.fit.log_likelihood, f"spikes of {name} mended: twice the likelihood gain {brought:.1f}")
-            )
-            search, root = trial, fitted
-    return search, root, claims
+            known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
+            claims.append(_claim(f"sensor-spikes:{name}", _differences(problem.records, trial.records, name, found), unit, known_to))
+            sentence = f"spikes of {name} mended: twice the likelihood gain {brought:.1f}"
+            steps.append(Step((), fitted.criterion, fitted.fit.log_likelihood, sentence))
+            problem, root = trial, fitted
+    return problem, root, claims, steps
+
+
+def _differences(records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]) -> list[Spikes]:
+    """What mending took away from a channel of each record."""
+    return [
+        Spikes(r, name, tuple(samples.tolist()), tuple((record[name].values - other[name].values)[samples].tolist()))
+        for r, (record, other, samples) in enumerate(zip(records, mended, found, strict=True))
+        if samples.size
+    ]
 
 
 def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
@@ -132,5 +133,5 @@ def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
         known = {item.name: own.get(full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)) for item in effect.parameters}
         onset = known[effect.onset]  # type: ignore[attr-defined]
         for edge in (onset, onset + known.get("duration", 0.0)):
-            blocked |= np.abs(record.time - edge) < NEAR_EVENT
+            blocked |= np.abs(record.time - edge) < thresholds.NEAR_EVENT
     return blocked

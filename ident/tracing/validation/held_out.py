@@ -14,8 +14,11 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.information import inverse_information
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import (
+    FitData,
     FittedModel,
+    Start,
     Values,
     belongs_to_record,
     carried,
@@ -34,9 +37,6 @@ from ident.whole_record.layout import Prior, lay_out
 from sim.declaration.effect import Effect
 from sim.record import Record
 
-LITTLE = 0.05  # of the best candidate's gain
-DOUBT = 1e-3  # p-value below which held-out data ask for a freer form
-
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
@@ -44,6 +44,30 @@ class HeldOut:
 
     frozen: Fit | None
     informed: Fit | None
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutData:
+    """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
+
+    ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot be simulated on them. ``declared`` : what
+    that model does there. ``choosing`` : they take part in choosing effects, since one fitted record alone cannot tell which replicate.
+    """
+
+    records: Sequence[Record] = ()
+    masks: Sequence[np.ndarray] | None = None
+    declared: HeldOut = HeldOut(None, None)
+    choosing: bool = False
+
+    @property
+    def label(self) -> str:
+        """What these data are called: held out only where they took no part in choosing."""
+        return "not fitted" if self.choosing else "held out"
+
+
+def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
+    """``held_out`` on all of these records; nothing where there are none."""
+    return held_out(fitted, held.records, held.masks, informed=informed) if held.records else HeldOut(None, None)
 
 
 def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, *, informed: bool = True) -> HeldOut:
@@ -67,27 +91,22 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
 
 
-def with_held_out_change(
-    evidence: Sequence[Candidate],
-    fitted_models: Mapping[frozenset[str], FittedModel],
-    before: HeldOut,
-    records: Sequence[Record],
-    masks: Sequence[np.ndarray] | None,
-) -> list[Candidate]:
+def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozenset[str], FittedModel], held: HeldOutData) -> list[Candidate]:
     """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
 
     What was weighed on held-out data already keeps its change. Events are left out: they would have to be looked for anew in each
     held-out record; and so are those that bring little beside another.
     """
     most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
+    before = held.declared.frozen
     done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
 
     def level(names: frozenset[str]) -> float | None:
         if names not in done:
-            fitted = fitted_models.get(names)
+            fitted = models.get(names)
             usable = fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
-            fit = held_out(fitted, records, masks, informed=False).frozen if usable and fitted is not None else None
-            done[names] = None if fit is None or before.frozen is None else (fit.cost - before.frozen.cost) / float(fit.counts.sum())
+            fit = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
+            done[names] = None if fit is None or before is None else (fit.cost - before.cost) / float(fit.counts.sum())
         return done[names]
 
     out = []
@@ -96,7 +115,7 @@ def with_held_out_change(
             out.append(candidate)
             continue
         names = frozenset(candidate.within)
-        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > LITTLE * most else None
+        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
         base = level(names) if after is not None else None
         change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
         out.append(replace(candidate, held_out_change=change))
@@ -107,7 +126,7 @@ def doubted(out: HeldOut) -> bool:
     """Whether what remains on held-out data under training's knowledge is hardly noise."""
     if out.informed is None:
         return False
-    return min((test.p_value for test in whiteness(out.informed, "held out")), default=1.0) < DOUBT
+    return min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < thresholds.COLOURED
 
 
 def _fit_other(
@@ -173,7 +192,7 @@ def _prior_where_both_meet(fitted: FittedModel, freer: FittedModel, masks: Seque
     records = [problem.record for problem in (*trained, *other)]
     valid = [*(problem.valid for problem in trained), *(masks if masks is not None else (problem.valid for problem in other))]
     settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
-    both = fit_set(records, fitted.declared, fitted.effects, fitted.system.output_names, settings, valid, 0.0, values)
+    both = fit_set(FitData(records, valid, fitted.declared, fitted.system.output_names), fitted.effects, settings, Start(values))
     if both is None:
         return None
     fit, n = both.fit, len(both.fit.layout.shared)

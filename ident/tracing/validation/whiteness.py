@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest, ljung_box
+from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
-
-LOW_FREQUENCY = 4.0  # Hz: aircraft motion lies below
 
 
 def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
@@ -17,7 +16,7 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
         where = f", {label}{f' record {r + 1}' if many else ''}"
         for i, name in enumerate(fit.layout.system.output_names):
-            if np.count_nonzero(problem.valid[i]) < 20:
+            if np.count_nonzero(problem.valid[i]) < thresholds.FEWEST_SAMPLES:
                 continue
             box = ljung_box(residual[i], problem.valid[i], name + where)
             tests += [box, low_frequency_power(residual[i], problem.valid[i], problem.record.time, name + where)]
@@ -32,7 +31,7 @@ def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarra
     n = len(series)
     interval = (time[-1] - time[0]) / (n - 1)
     power = np.abs(np.fft.rfft(series)) ** 2
-    low = np.fft.rfftfreq(n, interval) <= LOW_FREQUENCY
+    low = np.fft.rfftfreq(n, interval) <= thresholds.LOW_FREQUENCY
     low[0] = False
     k, rest = int(low.sum()), int((~low).sum()) - 1
     if k < 3 or rest < 3:

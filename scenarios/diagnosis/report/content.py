@@ -110,7 +110,7 @@ def _evidence(evidence: Evidence, records: Sequence[str]) -> dict[str, Any]:
     return {
         "error_left": bounded(evidence.error_left),
         "error_left_std": positive(evidence.error_left_std),
-        **({"beside": list(evidence.beside)} if evidence.beside else {}),
+        **({"beside": list(evidence.already_in_model)} if evidence.already_in_model else {}),
         "records": list(records[: len(evidence.by_record)]),
         "by_record": [quantities(each) for each in evidence.by_record],
         "derivatives": {member: quantities(each) for member, each in evidence.derivatives.items()},

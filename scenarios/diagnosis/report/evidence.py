@@ -11,7 +11,6 @@ import numpy as np
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
 from ident.tracing.residual_structure import Leftover, left_over
-from ident.tracing.verdict import not_noise
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
@@ -27,7 +26,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
     evidence = claim.evidence
     if evidence is None:
         return []
-    before = f"of what it is with {' and '.join(evidence.beside)} alone" if evidence.beside else "of what it was"
+    before = f"of what it is with {' and '.join(evidence.already_in_model)} alone" if evidence.already_in_model else "of what it was"
     lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
     count = len(evidence.by_record)
     values = by_record_text(evidence)
@@ -101,9 +100,10 @@ def warnings_of(tracing: Tracing) -> list[str]:
     Where nothing stands although the last set leaves noise (a guard is in it), what the declared model leaves is described.
     """
     d = tracing.diagnosis
-    failed = [test for test in d.tests_after if set(not_noise([test], math.inf)).intersection(d.warnings)]
-    lines = not_noise(failed, math.inf) if len(failed) > FEW else []
-    told = [warning for warning in d.warnings if warning not in lines]
+    cautions = [caution for caution in d.warnings if caution.test is not None]
+    failed = [caution.test for caution in cautions if caution.test is not None]
+    lines = cautions if len(failed) > FEW else []
+    told = [caution.sentence for caution in d.warnings if caution not in lines]
     if failed:
         share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
         return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]

@@ -13,13 +13,13 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.held_out import doubted, held_out, training_prior, with_held_out_change
+from ident.tracing.validation.held_out import HeldOutData, doubted, held_out, training_prior, with_held_out_change
 from ident.tracing.validation.whiteness import low_frequency_power, whiteness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
-from tests.tracing_problem import OUTPUTS, fit_of, planted, search_of, with_output, without_output
+from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 
 PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
 LAG = {"sensor-lag:q.time_constant": 0.05}
@@ -29,8 +29,8 @@ LAG = {"sensor-lag:q.time_constant": 0.05}
 def fitted() -> FittedModel:
     """Two records, a shared effect and one of each record."""
     effects = (SensorLag("q"), UnmeasuredInput())
-    search = search_of([planted(effects, {**LAG, **PULSE}, seed) for seed in (1, 2)])
-    return fit_of(search, effects, None, {**LAG, **PULSE})
+    problem = problem_of([planted(effects, {**LAG, **PULSE}, seed) for seed in (1, 2)])
+    return fit_of(problem, effects, None, {**LAG, **PULSE})
 
 
 def record_of(rows: dict[str, np.ndarray]) -> Record:
@@ -113,7 +113,7 @@ def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(fitte
     short = without_output(planted(), "nz")
     alpha = short["alpha"].values.copy()
     alpha[15:] = np.nan
-    few = fit_of(search_of([with_output(short, "alpha", alpha)]))
+    few = fit_of(problem_of([with_output(short, "alpha", alpha)]))
     assert {test.channel for test in whiteness(few.fit, "fitted")} == {"q, fitted"}
 
 
@@ -162,7 +162,7 @@ def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> 
 
 def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
     validation = [planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)]
-    without = fit_of(search_of([planted(seed=1)]))
+    without = fit_of(problem_of([planted(seed=1)]))
     assert doubted(held_out(without, validation, None))
 
 
@@ -189,11 +189,11 @@ def test_a_fit_that_fails_says_so(fitted: FittedModel) -> None:
 
 def test_what_was_weighed_on_held_out_data_keeps_its_change() -> None:
     record, other = planted([SensorLag("q")], LAG, 1), planted([SensorLag("q")], LAG, 2)
-    search = search_of([record])
-    root, lagged = fit_of(search), fit_of(search, (SensorLag("q"),), None, LAG)
-    before = held_out(root, [other], None, informed=False)
+    problem = problem_of([record])
+    root, lagged = fit_of(problem), fit_of(problem, (SensorLag("q"),), None, LAG)
+    held = HeldOutData([other], None, held_out(root, [other], None, informed=False))
     gain = root.fit.cost - lagged.fit.cost
     weighed = Candidate(1, (), "sensor-lag:q", gain, 0.0, True, True, {}, -0.3)
-    found = with_held_out_change([weighed, replace(weighed, held_out_change=None)], {frozenset({"sensor-lag:q"}): lagged}, before, [other], None)
+    found = with_held_out_change([weighed, replace(weighed, held_out_change=None)], {frozenset({"sensor-lag:q"}): lagged}, held)
     assert found[0] is weighed
     assert found[1].held_out_change is not None and -0.9 < found[1].held_out_change < 0.0 and found[1].held_out_change != -0.3

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.selection.criterion import few_samples, is_coloured_throughout, is_white, unevenness
+from ident.tracing.selection.criterion import few_samples, gain, is_coloured_throughout, is_white, unevenness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
-from tests.tracing_problem import fit_of, planted, search_of, with_output, without_output
+from tests.tracing_problem import fit_of, planted, problem_of, with_output, without_output
 
 PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
 
 
 @pytest.fixture(scope="module")
 def root() -> FittedModel:
-    return fit_of(search_of([planted()]))
+    return fit_of(problem_of([planted()]))
 
 
 def with_residuals(fitted: FittedModel, residuals: Sequence[np.ndarray], lift: np.ndarray | float = 0.0) -> FittedModel:
@@ -42,9 +42,9 @@ def spoiled(record: Record, first: float, factor: float) -> Record:
 @pytest.mark.parametrize("seed", range(4))
 def test_unevenness_is_about_one_on_gaussian_residuals(seed: int) -> None:
     lag = SensorLag("q")
-    search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05}, seed)])
-    root = fit_of(search)
-    child = fit_of(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    problem = problem_of([planted([lag], {"sensor-lag:q.time_constant": 0.05}, seed)])
+    root = fit_of(problem)
+    child = fit_of(problem, [lag], root, {"sensor-lag:q.time_constant": 0.05})
     # A mean of squares weighted over some hundred samples scatters by a tenth.
     assert 1.0 <= unevenness(root, child) < 1.3
 
@@ -54,12 +54,12 @@ def test_unevenness_is_large_where_large_residuals_coincide_with_the_change() ->
     effect = UnmeasuredInput()
     found = {}
     for first in (4.0, 7.8):
-        search = search_of([spoiled(planted([effect], PULSE), first, 4.0)])
-        root = fit_of(search)
-        child = fit_of(search, [effect], root, PULSE)
+        problem = problem_of([spoiled(planted([effect], PULSE), first, 4.0)])
+        root = fit_of(problem)
+        child = fit_of(problem, [effect], root, PULSE)
         found[first] = unevenness(root, child)
-        price = 4.0 * np.log(child.fit.counts.sum()) + search.settings.event
-        assert search.gain(root, child) <= 2.0 * (root.fit.cost - child.fit.cost) / found[first] - price + 1e-9
+        price = 4.0 * np.log(child.fit.counts.sum()) + problem.settings.event
+        assert gain(root, child, problem.settings.accept) <= 2.0 * (root.fit.cost - child.fit.cost) / found[first] - price + 1e-9
     assert found[4.0] > 1.5
     assert found[7.8] < 1.1
 
@@ -99,19 +99,19 @@ def test_few_samples_is_the_share_of_the_three_most_improved(root: FittedModel) 
 
 def test_a_real_effect_does_not_hang_on_few_samples() -> None:
     lag = SensorLag("q")
-    search = search_of([planted([lag], {"sensor-lag:q.time_constant": 0.05})])
-    root = fit_of(search)
-    child = fit_of(search, [lag], root, {"sensor-lag:q.time_constant": 0.05})
+    problem = problem_of([planted([lag], {"sensor-lag:q.time_constant": 0.05})])
+    root = fit_of(problem)
+    child = fit_of(problem, [lag], root, {"sensor-lag:q.time_constant": 0.05})
     assert few_samples(root, child) < 0.2
-    assert search.gain(root, child) > 100.0
+    assert gain(root, child, problem.settings.accept) > 100.0
 
 
 def test_is_white_of_the_right_set_and_of_a_lacking_one(root: FittedModel) -> None:
     assert is_white(root)
-    search = search_of([planted([UnmeasuredInput()], PULSE)])
-    lacking = fit_of(search)
+    problem = problem_of([planted([UnmeasuredInput()], PULSE)])
+    lacking = fit_of(problem)
     assert not is_white(lacking)
-    assert is_white(fit_of(search, [UnmeasuredInput()], lacking, PULSE))
+    assert is_white(fit_of(problem, [UnmeasuredInput()], lacking, PULSE))
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
@@ -131,7 +131,7 @@ def test_whiteness_is_asked_at_the_level_given(root: FittedModel) -> None:
 
 
 def test_a_channel_that_one_record_lacks_does_not_make_it_white() -> None:
-    fitted = fit_of(search_of([planted([], None, 1), without_output(planted([], None, 2), "nz")]))
+    fitted = fit_of(problem_of([planted([], None, 1), without_output(planted([], None, 2), "nz")]))
     rng = np.random.default_rng(1)
     wandering = [np.where(problem.valid, np.cumsum(rng.standard_normal(problem.valid.shape), axis=1), 0.0) for problem in fitted.fit.layout.problems]
     assert is_coloured_throughout(with_residuals(fitted, wandering), 1e-20)

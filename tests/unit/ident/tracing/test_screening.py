@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
-from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext
@@ -24,7 +24,7 @@ from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.maths.elementary import each_column
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import fit_of, planted, search_of
+from tests.tracing_problem import fit_of, planted, problem_of
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ def found(fitted: FittedModel, *effects: Effect) -> list[Finding]:
     return screen(fitted, effects, search_context(fitted))
 
 
-def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[Search, FittedModel]:
-    search = search_of([planted(effects, values, seed)])
-    return search, fit_of(search)
+def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[TraceProblem, FittedModel]:
+    problem = problem_of([planted(effects, values, seed)])
+    return problem, fit_of(problem)
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None =
     ids=lambda item: getattr(item, "name", ""),
 )
 def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Effect, values: dict[str, float]) -> None:
-    search, root = root_of([effect], values)
+    problem, root = root_of([effect], values)
     (finding,) = found(root, effect)
-    child = fit_of(search, [effect], root, finding.starts[0])
+    child = fit_of(problem, [effect], root, finding.starts[0])
     gain = root.fit.cost - child.fit.cost
     assert gain > 4.0
     assert finding.gain == pytest.approx(gain, rel=0.05)
@@ -124,8 +124,8 @@ def test_what_the_declared_parameters_absorb_gains_nothing() -> None:
 
 
 def test_an_effect_in_the_set_is_not_proposed_again() -> None:
-    search, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
-    child = fit_of(search, [SensorScale("q")], root)
+    problem, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
+    child = fit_of(problem, [SensorScale("q")], root)
     assert [finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))] == ["sensor-scale:nz"]
 
 
@@ -206,7 +206,7 @@ def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) ->
     effect = UnmeasuredInput()
     values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
     records = [planted([effect], values, 1), planted(seed=2)]
-    root = fit_of(search_of(records if which == 0 else records[::-1]))
+    root = fit_of(problem_of(records if which == 0 else records[::-1]))
     (finding,) = found(root, effect)
     assert finding.gain > 50.0
     # Each record has all four for itself.

@@ -37,7 +37,7 @@ from sim.record import Record
 from sim.truth.noise import coloured_noise
 from tests.bases import Flight as Flown
 from tests.bases import rigid_flight
-from tests.tracing_problem import OUTPUTS, declared, fit_of, planted, search_of, with_output
+from tests.tracing_problem import OUTPUTS, declared, fit_of, planted, problem_of, with_output
 
 LATE = SensorDelay("alpha")
 SCALED = SensorScale("q")
@@ -69,7 +69,7 @@ def clean() -> Flight:
 
 
 def root_of(flight: Flight) -> FittedModel:
-    return fit_of(search_of(list(flight.records)))
+    return fit_of(problem_of(list(flight.records)))
 
 
 def test_a_cause_stands_in_coloured_noise_and_comes_out_alike(late: Flight) -> None:
@@ -100,8 +100,8 @@ def test_what_differs_from_record_to_record_does_not_replicate(late: Flight) -> 
 
 
 def test_leaving_a_record_out_by_one_step_is_nearly_a_fit_to_the_others(late: Flight) -> None:
-    everything = fit_of(search_of(list(late.records)), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
-    others = fit_of(search_of(list(late.records[1:])), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    everything = fit_of(problem_of(list(late.records)), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
+    others = fit_of(problem_of(list(late.records[1:])), (LATE,), None, {"sensor-delay:alpha.delay": 0.07})
     stepped = without_record(everything, 0).values.shared
     sigma = np.sqrt(np.diag(fit_covariance(others.fit)[0]))
     away = {name: abs(stepped[name] - value) / sigma[i] for i, (name, value) in enumerate(others.values.shared.items())}
@@ -167,7 +167,7 @@ def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from
 
 
 def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
-    fitted = fit_of(search_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
+    fitted = fit_of(problem_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
     frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
     one, other = standing(LATE, fitted, before, 0.600), standing(SCALED, fitted, before, 0.605)
@@ -223,11 +223,11 @@ def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
     values = {f"moment-nonlinearity.{name}": 0.0 for name in bend.absent}
     sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {"moment-nonlinearity.shape6": 0.01}
     record = planted([bend.finer()], sharp, 1)
-    search = search_of([record])
-    fitted = fit_of(search, (bend,), None, values)
-    spread = form_spread(search, fitted)
+    problem = problem_of([record])
+    fitted = fit_of(problem, (bend,), None, values)
+    spread = form_spread(problem, fitted)
     assert set(spread) <= set(declared().parameters.names) and spread["Cm_alpha"] > 0.0
-    plain = search_of([planted([], None, 1)])
+    plain = problem_of([planted([], None, 1)])
     assert form_spread(plain, fit_of(plain, (LATE,))) == {}
 
 

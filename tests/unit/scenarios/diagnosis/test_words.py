@@ -112,8 +112,8 @@ def test_terminal_text_is_plain_and_complete(verdict: Verdict) -> None:
     tracing = tracing_of(verdict)
     text = diagnosis_text(tracing)
     assert verdict.value.upper() in text and verdict.sentence in text
-    for warning in tracing.diagnosis.warnings:
-        assert warning in " ".join(text.split())
+    for caution in tracing.diagnosis.warnings:
+        assert caution.sentence in " ".join(text.split())
     for claim in tracing.diagnosis.effects:
         assert claim.name in text
     assert ("hint only, not claimed" in text) is (verdict is Verdict.UNEXPLAINED)

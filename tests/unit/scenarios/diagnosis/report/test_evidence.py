@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, Quantity, Verdict
+from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Evidence, Quantity, Verdict
 from scenarios.diagnosis.report.candidate_tables import candidate_row, weighed_rows
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
@@ -107,7 +107,7 @@ def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
 
 
 def test_a_second_effect_is_measured_from_the_first() -> None:
-    alone, beside = evidence_of(), replace(evidence_of(), beside=("vane-offset",))
+    alone, beside = evidence_of(), replace(evidence_of(), already_in_model=("vane-offset",))
     (first,), (second,) = (evidence_sentences(Claim("x", {}, evidence=each)) for each in (alone, beside))
     assert first.endswith("0.62 +- 0.05 of what it was") and second.endswith("0.62 +- 0.05 of what it is with vane-offset alone")
 
@@ -159,7 +159,7 @@ def test_many_failed_tests_become_one_description_a_channel() -> None:
     assert [line.partition(":")[0] for line in told[1:]] == ["left in the angle of attack", "left in the pitch rate", "left in the load factor"]
     assert told[1:] and all("Hz" in line and "rms" in line for line in told[1:])
     # Other warnings stay, and so do the tests themselves.
-    other = replace(tracing, diagnosis=replace(tracing.diagnosis, warnings=("look here", *tracing.diagnosis.warnings)))
+    other = replace(tracing, diagnosis=replace(tracing.diagnosis, warnings=(Caution(Concern.GUARD, "look here"), *tracing.diagnosis.warnings)))
     assert warnings_of(other) == ["look here", *told]
     assert len(diagnosis_content(tracing, "")["residual_tests"]["after"]) == 12
 
@@ -168,14 +168,14 @@ def test_few_failed_tests_are_told_as_they_are() -> None:
     tests = (*coloured(1)[:2], *coloured(2, 0.4))
     tracing = proven_tracing(tests)
     told = warnings_of(tracing)
-    assert told[:2] == list(tracing.diagnosis.warnings) and len(tracing.diagnosis.warnings) == 2
+    assert told[:2] == [caution.sentence for caution in tracing.diagnosis.warnings] and len(tracing.diagnosis.warnings) == 2
     assert [line.partition(":")[0] for line in told[2:]] == ["left in the angle of attack", "left in the pitch rate"]
 
 
 def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() -> None:
     tracing = tracing_of(Verdict.UNEXPLAINED)
     told = warnings_of(tracing)
-    assert told[0] == tracing.diagnosis.warnings[0]
+    assert told[0] == tracing.diagnosis.warnings[0].sentence
     assert [line.partition(":")[0] for line in told[1:]] == [
         f"with the declared model, left in the {name}" for name in ("angle of attack", "pitch rate", "load factor")
     ]

@@ -47,7 +47,7 @@ class Page(HTMLParser):
 
 def page_of(verdict: Verdict, figures: Path, **changes: object) -> tuple[str, Page]:
     tracing = replace(tracing_of(verdict), **changes)  # type: ignore[arg-type]
-    text = diagnosis_page(tracing, list(tracing.diagnosis.warnings), figures)
+    text = diagnosis_page(tracing, [caution.sentence for caution in tracing.diagnosis.warnings], figures)
     return text, Page(text)
 
 

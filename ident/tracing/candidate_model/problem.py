@@ -1,0 +1,68 @@
+"""What one search works on. It never changes: other records or other masks make another problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, fit_set, start_from
+from ident.tracing.diagnosis import Witness, silent
+from ident.tracing.settings import TraceSettings
+from ident.whole_record.layout import FitSettings
+from sim.declaration.effect import Effect
+from sim.declaration.model import Model
+from sim.record import Record
+
+
+def untold(text: str, share: float) -> None:
+    """A progress that nobody follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class TraceProblem:
+    """Records, the samples that count, the declared model, and what may be added to it.
+
+    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
+    predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is.
+    """
+
+    records: Sequence[Record]
+    masks: Sequence[np.ndarray]
+    model: Model
+    candidates: Sequence[Effect]
+    outputs: Sequence[str]
+    settings: TraceSettings
+    predicted: Sequence[Record] = ()
+    witness: Witness = silent
+    progress: Callable[[str, float], None] = untold
+
+    @property
+    def data(self) -> FitData:
+        """What sets are fitted to."""
+        return FitData(self.records, self.masks, self.model, self.outputs)
+
+    @property
+    def roughly(self) -> FitSettings:
+        """How a set is fitted that is only compared: twice the step moves no output of an aircraft by a hundredth of its noise."""
+        return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
+
+    def fit(
+        self, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+    ) -> FittedModel | None:
+        """Fit a set from another one's values; roughly while searching, to the end for what is kept. None where no cost is finite."""
+        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
+        return fit_set(self.data, effects, settings, start_from(start, added), event_cost=self.settings.event)
+
+    def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
+        """The same question with other samples set aside: another problem, to which no earlier fit belongs."""
+        return replace(self, masks=tuple(masks))
+
+    def holds(self, fitted: FittedModel) -> bool:
+        """Whether a model was fitted to the samples of this problem, and to no others."""
+        problems = fitted.fit.layout.problems
+        return len(problems) == len(self.records) and all(
+            problem.record is record and np.array_equal(problem.valid, mask)
+            for problem, record, mask in zip(problems, self.records, self.masks, strict=True)
+        )

@@ -1,0 +1,140 @@
+"""Of sets that are near each other, the one to judge: by the fitted records, and by the others where these take part in choosing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.diagnosis import Step
+from ident.tracing.screening.score_test import same_sensor_twins
+from ident.tracing.selection.backward import refined
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.ledger import Key, Ledger, fit
+from ident.tracing.selection.near_aliases import near_aliases
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, predicted_by
+from sim.declaration.proposal import Refinable
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The set that is judged and what it does on data that were not fitted.
+
+    ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was weighed, by the names of its effects; with the cost of the
+    data that were not fitted where these take part in choosing. Empty where nothing was weighed.
+    """
+
+    best: FittedModel
+    out: HeldOut
+    totals: Mapping[Key, float] = field(default_factory=dict)
+    misfits: Mapping[Key, float] = field(default_factory=dict)
+
+
+def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
+    """Weigh the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part."""
+    settings = ledger.problem.settings
+    ledger, best = _without_guard(ledger, best)
+    explained = is_white(best, settings.white) and not guards_among(best.names)
+    out = predicted_by(best, held, informed=explained)
+    if not best.effects or not explained:
+        # What training itself does not explain, no held-out record will.
+        return ledger, Choice(best, out)
+    if held.choosing:
+        ledger, best, out = _in_freer_form(ledger, best, out, held)
+    weighed = {frozenset(best.names): (best, out)}
+    ledger, alike = near_aliases(ledger, best, settings.near)
+    wide = held.choosing and doubted(out)
+    for fitted in [*_near(ledger, best, settings.wide if wide else settings.near, 6 if wide else 3), *alike]:
+        ledger, other = refined(ledger, fitted)
+        weighed[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
+    # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
+    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in weighed.items()}
+    misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in weighed.items()}
+    chosen, fits = weighed[min(totals, key=lambda key: totals[key])]
+    if not held.choosing and chosen is not best:
+        fits = predicted_by(chosen, held)
+    return ledger, Choice(chosen, fits, totals, misfits)
+
+
+def alternatives_of(choice: Choice) -> dict[str, tuple[str, ...]]:
+    """For each effect of a set the names that could stand in its place, two at most, the nearest first.
+
+    They explain the data as well, however many parameters they need for it: that they are dearer is a reason to name the other,
+    not to deny them.
+    """
+    mine = frozenset(choice.best.names)
+    reference = choice.misfits.get(mine)
+    found: dict[str, list[tuple[float, str]]] = {}
+    if reference is None:
+        return {}
+    for key, misfit in choice.misfits.items():
+        gone, come = mine - key, key - mine
+        if len(gone) == len(come) == 1 and misfit - reference < thresholds.ALTERNATIVE and not guards_among(come):
+            found.setdefault(next(iter(gone)), []).append((misfit - reference, next(iter(come))))
+    return {name: tuple(other for _, other in sorted(entries)[: thresholds.ALTERNATIVES_NAMED]) for name, entries in found.items()}
+
+
+def is_ambiguous(choice: Choice, within: float) -> bool:
+    """Whether another set of one other effect lies ``within`` so much of the one chosen, in units of twice the log likelihood."""
+    mine = frozenset(choice.best.names)
+    reference = choice.totals.get(mine, 0.0)
+    return any(
+        total - reference < within
+        and len(key) == len(mine)
+        and len(key - mine) == 1
+        and not guards_among(key)
+        and not _one_sensor(mine - key, key - mine)
+        for key, total in choice.totals.items()
+        if key != mine
+    )
+
+
+def _without_guard(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
+    """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
+    if not guards_among(best.names):
+        return ledger, best
+    rivals = [
+        fitted
+        for key, fitted in ledger.models.items()
+        if len(fitted.effects) == len(best.effects) and not guards_among(key) and ledger.scores[key] - ledger.score(best) < thresholds.GUARD_TIE
+    ]
+    return refined(ledger, min(rivals, key=ledger.score)) if rivals else (ledger, best)
+
+
+def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:
+    """The same causes in their freer forms, where held-out data ask for it: other levels of input show more of a curve."""
+    if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
+        return ledger, best, out
+    effects = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in best.effects)
+    ledger, finer = fit(ledger, effects, best)
+    if finer is None:
+        return ledger, best, out
+    other = predicted_by(finer, held)
+    if other.informed is None or out.informed is None or other.informed.cost >= out.informed.cost or doubted(other):
+        return ledger, best, out
+    score = ledger.score(best)
+    ledger = ledger.replaced(finer, score)
+    sentence = "freer forms, for what the held-out data show of them"
+    return ledger.told(Step(finer.names, score, finer.fit.log_likelihood, sentence)), finer, other
+
+
+def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[FittedModel]:
+    others = [
+        fitted
+        for key, fitted in ledger.models.items()
+        if key != frozenset(best.names)
+        and len(fitted.effects) == len(best.effects)
+        and fitted.criterion - best.criterion < within
+        and not guards_among(key)
+    ]
+    return sorted(others, key=lambda fitted: fitted.criterion)[:most]
+
+
+def _cost(out: HeldOut, held: HeldOutData) -> float:
+    return 2.0 * out.informed.cost if held.choosing and out.informed is not None else 0.0
+
+
+def _one_sensor(gone: Key, come: Key) -> bool:
+    """Whether two names are the lag and the delay of one sensor: one late sensor, described twice."""
+    return any(set(same_sensor_twins(name)) & come for name in gone)

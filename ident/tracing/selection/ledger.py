@@ -1,0 +1,90 @@
+"""What a search has found so far: fitted models, their scores, steps, evidence, and how much of its means is spent.
+
+A ledger belongs to one problem. Each stage takes one and returns another; a model that was fitted to other samples cannot enter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Candidate, Step
+from sim.declaration.effect import Effect
+
+# Units of the budget, which bounds time, not what is found.
+DEARER_WITH_PROCESS_NOISE = 4.0  # a fit with process noise costs as much as so many without
+SMALL_FIT = 100.0  # iterations times unknowns
+USUAL_LENGTH = 1500.0  # samples of a record whose fits count once
+
+Key = frozenset[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """Fitted models by the names of their effects, each with its score, and how the search came to them.
+
+    The score of the declared model is its criterion; that of any other is its parent's less what the addition brought (``criterion.gain``).
+    ``expanded`` : sets that were extended already. ``evidence`` : all candidates that were looked at, in order.
+    """
+
+    problem: TraceProblem
+    models: Mapping[Key, FittedModel] = field(default_factory=dict)
+    scores: Mapping[Key, float] = field(default_factory=dict)
+    expanded: frozenset[Key] = frozenset()
+    steps: tuple[Step, ...] = ()
+    evidence: tuple[Candidate, ...] = ()
+    spent: float = 0.0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the search has fitted as much as it may: a residual that defies the library must not take for ever."""
+        return self.spent >= self.problem.settings.budget
+
+    def score(self, fitted: FittedModel) -> float:
+        """Score of the set of a fitted model."""
+        return self.scores[frozenset(fitted.names)]
+
+    def known(self, fitted: FittedModel) -> FittedModel:
+        """The model that is kept of the set of a fitted model."""
+        return self.models[frozenset(fitted.names)]
+
+    def kept(self, fitted: FittedModel, score: float) -> Ledger:
+        """With a fitted model, unless a better one of its set is there."""
+        key = frozenset(fitted.names)
+        return self if key in self.models and score >= self.scores[key] else self.replaced(fitted, score)
+
+    def replaced(self, fitted: FittedModel, score: float) -> Ledger:
+        """With a fitted model in the place of any other of its set.
+
+        Raises
+        ------
+        ValueError : a model that was fitted to other samples; its criterion does not compare with those here.
+        """
+        if not self.problem.holds(fitted):
+            raise ValueError(f"{' + '.join(fitted.names) or 'the declared model'} was fitted to other samples than this ledger's")
+        key = frozenset(fitted.names)
+        return replace(self, models={**self.models, key: fitted}, scores={**self.scores, key: score})
+
+    def marked(self, key: Key) -> Ledger:
+        """With a set marked as extended."""
+        return replace(self, expanded=self.expanded | {key})
+
+    def told(self, *steps: Step, evidence: Sequence[Candidate] = ()) -> Ledger:
+        """With further steps and evidence."""
+        return replace(self, steps=(*self.steps, *steps), evidence=(*self.evidence, *evidence))
+
+
+def fit(
+    ledger: Ledger, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+) -> tuple[Ledger, FittedModel | None]:
+    """Fit a set to the ledger's problem, and count the work."""
+    fitted = ledger.problem.fit(effects, start, added, rough=rough)
+    if fitted is None:
+        return ledger, None
+    samples = sum(len(record) for record in ledger.problem.records)
+    work = (fitted.fit.iterations + 2) * len(fitted.fit.theta) / SMALL_FIT * max(1.0, samples / USUAL_LENGTH)
+    work *= DEARER_WITH_PROCESS_NOISE if has_process_noise(fitted.system) else 1.0
+    return replace(ledger, spent=ledger.spent + work), fitted

@@ -1,0 +1,75 @@
+"""Every number on which a decision of the loop hangs, by the question that it answers, each with its reason.
+
+A reason is a theorem, a simulated null, or "chosen", with what it was weighed against. The null of the whole loop is flown by
+``tests/statistics/test_tracing_performance.py``, that of cross-validation by ``tests/statistics/test_partial_null.py``. What a user may
+set is in ``settings``.
+"""
+
+from __future__ import annotations
+
+# Is a residual noise? P-values of Ljung-Box's test, whose distribution under noise is computed, not approximated.
+COLOURED = 1e-3  # chosen: asked of a dozen sets a search, so that clean data rarely cost a further round
+GROSSLY_COLOURED = 1e-20  # chosen: a rough fit carried to its end does not mend that
+PROCESS_NOISE_OFFERED = 1e-2  # chosen: a gust fit is dear; clean innovations ask for it once in a hundred records
+FEWEST_SAMPLES = 20  # chosen: with fewer there are hardly more samples than lags
+LOW_FREQUENCY = 4.0  # Hz. chosen: short periods and first elastic modes of piloted aircraft lie below
+
+# Which samples are wrong? In robust sigmas.
+SPIKE_WHILE_SEARCHING = 8.0  # chosen: before the model is complete a residual is not Gaussian; only what no motion explains goes
+SPIKE_AT_THE_END = 5.5  # theorem: Gaussian noise exceeds it once in 3e7 samples
+HEAVY_TAIL = (3.7, 6.5)  # theorem: Gaussian noise puts 2 of 10,000 samples there; more, by Poisson's law, is a heavy tail
+HEAVY_TAIL_CHANCE = 1e-3  # p-value of that count
+NEAR_EVENT = 0.15  # s. chosen: a few samples around the edge of a fitted event, where its form may be a little off
+
+# What is worth a full fit?
+COLLINEAR = 0.9  # chosen: signatures that share four fifths of their power explain each other
+DISTINCT = 0.95  # chosen: places of one effect whose signatures are more alike are one start
+HOPELESS_IN_SEARCH = 0.2  # of the best gain so far. chosen: a projected gain errs by less than a factor of five
+HOPELESS_IN_REPLICATION = 0.1  # of the best projected gain. chosen: every candidate is fitted to many subsets there, the search is wider
+RIVAL = 0.5  # of the best gain. chosen: what brings less than half will not be the best of its size
+CHEAP = 2  # parameters. chosen: such a candidate is fitted even if its projected gain is small, it costs little
+LOOKS_ALIKE = 0.5  # projected gain of a near-alias over what the effect itself brought. chosen, as RIVAL
+LITTLE = 0.05  # of the best candidate's gain. chosen: below it a candidate's held-out change is not worth a fit
+CANDIDATES_FITTED, GUARDS_FITTED = 6, 3  # chosen, for time: full fits to many subsets of the records are the dearest part
+PAIRS_FITTED = 3  # chosen, for time
+ROUNDING = 0.01  # of ln(error). chosen: a pair's projection is not known better
+EVENT_SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s. chosen: half a period of a short-period motion either way, in steps that the fit closes
+DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's gain is no stand-in for that cause
+
+# How is a gain weighed?
+SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not hang on as many samples as a spike and its neighbours are
+
+# Which of two sets stands? Differences of twice the log likelihood.
+GUARD_TIE = 12.0  # chosen: a guard has to win by more than the largest gain of a null search (``TraceSettings.accept``) and two more
+AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
+ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named beside the chosen one
+ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
+
+# Does an effect lower the error on records that were not fitted? Mean over channels of ln(error).
+WORTH = 0.1  # chosen: less is what a dozen small causes make; ``test_partial_null`` counts what passes all bars where nothing is hidden
+HALF_OF_IT = 0.5  # chosen: what does not bring half of that on the fitted records will not bring it on others
+CHANNEL_WORSE = 0.05  # chosen: growth of one channel that is borne; or half of what is gained in the mean, beside twice its scatter
+NO_PREFERENCE = 0.04  # chosen: no one would prefer one cause to another for four per cent of the error
+BEYOND_ITS_SCATTER = 2.0  # theorem: two standard deviations, one in forty by chance
+SAME_TRACE_SCATTER = 3.0  # standard deviations. chosen: of effects with one signature the data need more to prefer one
+BLOCK = 1.5  # s. chosen: the residual of a short-period model hardly remembers itself beyond it
+BEYOND_RANGE = 0.1  # of a curve's range. chosen: a curve is not judged where one record alone flew further
+DEEPEST = 2  # chosen: effects named where what remains is not noise; a third would rest on what two others left
+WHOLE_REFIT_UP_TO = 3  # records. chosen: with more, one Gauss-Newton step from the common fit is near enough (a test compares them)
+
+# Do records agree?
+AGREE = 3.0  # theorem: corrected sigmas, one in 370 by chance
+ALIKE = 0.4  # of the mean. chosen: two values that close are one value to anyone who uses them
+KNOWN = 0.5  # chosen: a record whose sigma is half the value does not tell it
+OFF_ABSENCE = 2.0  # theorem: two sigmas, for each of several records
+CLEARLY_OFF_ABSENCE = 4.0  # theorem: one in 16,000 by chance, since the best of many candidates is asked
+FEWEST_RECORDS = 3  # theorem: two records have one degree of freedom, and no scatter worth printing
+# Simulation: with six degrees of freedom from the other derivatives, two sigmas hold 93 to 98 of 100 with two to five records.
+BORROWED = 6.0
+
+# How finely is it computed?
+SLOPE_STEP = 1e-4  # of a parameter's declared size
+COARSE = 0.025  # s, a sub-step that ranks candidates well enough
+PLACES = 60  # over the record, for effects that may begin anywhere
+AUTOREGRESSION = 12  # order: covers half a second at 25 Hz
+BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent

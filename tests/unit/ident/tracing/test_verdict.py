@@ -1,0 +1,116 @@
+"""From evidence to a verdict: what leads to which, and which bars decide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Claim, Concern, Verdict
+from ident.tracing.ranking import Choice
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
+from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
+from sim.declaration.effect import Effect
+from sim.effects.library import guards_for
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.record import Record
+from sim.vehicles.short_period import ShortPeriod
+from tests.tracing_problem import fit_of, planted, problem_of
+
+LAG = {"sensor-lag:q.time_constant": 0.06}
+FINE = ResidualTest("ljung-box", "q, fitted", 20.0, 0.5, "white")
+BAD = ResidualTest("ljung-box", "q, fitted", 200.0, 1e-9, "not white")
+NOTHING = HeldOut(None, None)
+
+
+@pytest.fixture(scope="module")
+def problem() -> TraceProblem:
+    return problem_of([planted([SensorLag("q")], LAG)])
+
+
+@pytest.fixture(scope="module")
+def root(problem: TraceProblem) -> FittedModel:
+    return fit_of(problem)
+
+
+def found(
+    problem: TraceProblem, root: FittedModel, effects: Sequence[Effect], spikes: Sequence[Claim] = (), bad: bool = False
+) -> tuple[Verdict, list[Concern]]:
+    """Verdict on a set of effects, where all residual tests pass or one fails."""
+    best = fit_of(problem, effects, root) if effects else root
+    tests = ResidualTests((FINE, BAD) if bad else (FINE,))
+    verdict, cautions = verdict_on(problem, root, Choice(best, NOTHING), spikes, tests, HeldOutData())
+    return verdict, [caution.concern for caution in cautions]
+
+
+def test_guards_lead_to_unexplained(problem: TraceProblem, root: FittedModel) -> None:
+    guard = next(guard for guard in guards_for(ShortPeriod()) if guard.name == "guard:alpha-q")
+    assert found(problem, root, [guard]) == (Verdict.UNEXPLAINED, [Concern.GUARD])
+    # Also beside an effect that is right; the sentence names the guard.
+    best = fit_of(problem, [SensorLag("q"), guard], root)
+    verdict, cautions = verdict_on(problem, root, Choice(best, NOTHING), [], ResidualTests((FINE, BAD)), HeldOutData())
+    assert verdict is Verdict.UNEXPLAINED and [c.concern for c in cautions] == [Concern.GUARD, Concern.NOT_NOISE]
+    assert "guard:alpha-q" in cautions[0].sentence
+
+
+def test_verdicts_without_effects_follow_the_tests(problem: TraceProblem, root: FittedModel) -> None:
+    assert found(problem, root, []) == (Verdict.CONSISTENT, [])
+    assert found(problem, root, [], bad=True) == (Verdict.UNEXPLAINED, [Concern.NOT_NOISE])
+    verdict, cautions = verdict_on(problem, root, Choice(root, NOTHING), [], ResidualTests((FINE,), (BAD,)), HeldOutData())
+    assert verdict is Verdict.UNEXPLAINED and [c.concern for c in cautions] == [Concern.NOT_NOISE, Concern.DIFFERS_HELD_OUT]
+
+
+def test_what_remains_not_noise_is_never_traced(problem: TraceProblem, root: FittedModel) -> None:
+    claims = [Claim("sensor-lag:q", {})]
+    assert found(problem, root, [SensorLag("q")], claims) == (Verdict.TRACED, [])
+    assert found(problem, root, [SensorLag("q")], claims, bad=True) == (Verdict.UNEXPLAINED, [Concern.NOT_NOISE])
+
+
+def test_a_caution_of_a_failed_test_carries_the_test() -> None:
+    assert [caution.test for caution in not_noise([FINE, BAD], 1e-4)] == [BAD]
+    assert not_noise([FINE, BAD], 1e-10) == []
+
+
+def held(records: Sequence[Record], root: FittedModel) -> HeldOutData:
+    """Records that took no part in choosing."""
+    return HeldOutData(records, [record.output_array(("alpha", "q", "nz"))[1] for record in records], held_out(root, records, None, informed=False))
+
+
+def test_effects_that_worsen_held_out_data_are_not_traced(problem: TraceProblem, root: FittedModel) -> None:
+    """Two sets on a record without the lag: the one that has it predicts worse, and may not claim it."""
+    best = fit_of(problem, [SensorLag("q")], root)
+    for values, expected in (({}, Verdict.UNEXPLAINED), (LAG, Verdict.TRACED)):
+        data = held([planted([SensorLag("q")] if values else [], values, 7)], root)
+        out = held_out(best, data.records, None, informed=False)
+        assert judge(problem, root, Choice(best, out), [], data).verdict is expected
+
+
+def test_held_out_cost_has_to_fall_not_merely_to_stay(problem: TraceProblem, root: FittedModel) -> None:
+    """A rise by less than its scatter, sqrt(2 k), was once enough."""
+    best = fit_of(problem, [SensorLag("q")], root)
+    data = held([planted([SensorLag("q")], LAG, 7)], root)
+    out = held_out(best, data.records, None, informed=False)
+    before = data.declared.frozen
+    assert before is not None and out.frozen is not None
+    for rise, expected in ((-0.1, Verdict.TRACED), (0.0, Verdict.UNEXPLAINED), (0.5, Verdict.UNEXPLAINED)):
+        fit = replace(out.frozen, cost=before.cost + rise)
+        verdict, cautions = verdict_on(problem, root, Choice(best, HeldOut(fit, None)), [], ResidualTests((FINE,)), data)
+        assert verdict is expected
+        assert [c.concern for c in cautions] == ([] if verdict is Verdict.TRACED else [Concern.NO_IMPROVEMENT])
+
+
+def test_a_held_out_fit_that_failed_is_not_traced(problem: TraceProblem, root: FittedModel) -> None:
+    best = fit_of(problem, [SensorLag("q")], root)
+    good = held([planted([SensorLag("q")], LAG, 7)], root)
+    for data in (good, replace(good, declared=NOTHING)):
+        verdict, cautions = verdict_on(problem, root, Choice(best, NOTHING), [], ResidualTests((FINE,)), data)
+        assert verdict is Verdict.UNEXPLAINED and "not fitted" in cautions[0].sentence
+
+
+def test_data_are_called_held_out_only_where_they_took_no_part() -> None:
+    assert HeldOutData(choosing=True).label == "not fitted"
+    assert HeldOutData(choosing=False).label == "held out"
