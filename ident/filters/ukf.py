@@ -1,7 +1,7 @@
 """Unscented Kalman filter for states and parameters, on filterpy's UnscentedKalmanFilter.
 
 filterpy does the update and the weights; three things are put around it to make it robust. A square root that
-serves singular covariances (a state known exactly has no variance, and Cholesky's would fail). All sigma
+serves singular covariances (a state known exactly has no variance, and Cholesky's would fail) and is unique. All sigma
 points in one call of the System instead of one call each. Missing channels dropped row by row.
 
 The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the covariance,
@@ -26,7 +26,7 @@ from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
 
 ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
-SMALLEST = 1e-16  # share of the largest eigenvalue that is rounding
+SMALLEST = 1e-14  # share of the largest eigenvalue that is rounding
 
 
 def run_ukf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
@@ -64,9 +64,13 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
-    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what has no variance."""
+    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what has no variance.
+
+    U is the symmetric root of the correlation matrix times the standard deviations. There is one such root only, and it moves
+    little when P does; the axes of alike eigenvalues, as an uncorrelated P has them, are rounding's choice, and so would the points be.
+    """
     values, vectors, scale, _ = _decomposed(P)
-    return (np.sqrt(values)[:, None] * vectors.T) * scale
+    return (vectors * np.sqrt(values)) @ vectors.T * scale
 
 
 def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
@@ -74,16 +78,16 @@ def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
     points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``. With the root instead of P half the digits of a nearly
     singular P are kept."""
     values, vectors, _, inverse = _decomposed(P)
-    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > SMALLEST * values[-1])
-    return (inverse[:, None] * (vectors @ (reciprocal[:, None] * half_differences))).T
+    reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
+    return (inverse[:, None] * ((vectors * reciprocal) @ vectors.T @ half_differences)).T
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues and vectors of the correlation matrix, standard deviations and their inverses (zero for zero)."""
+    """Eigenvalues (zero for rounding) and vectors of the correlation matrix, standard deviations and their inverses (zero for zero)."""
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return np.maximum(values, 0.0), vectors, scale, inverse
+    return np.where(values > SMALLEST * values[-1], values, 0.0), vectors, scale, inverse
 
 
 def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarray) -> Estimate:

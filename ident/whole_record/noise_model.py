@@ -82,8 +82,11 @@ class White:
     ) -> Weighed | None:
         """Residuals and sensitivities as they are."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
-        variance = np.where(layout.used, np.maximum(squares / np.maximum(counts, 1), layout.smallest), 1.0)
-        cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance), 0.0)))
+        found = squares / np.maximum(counts, 1)
+        variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
+        # A variance held at its least is no unknown: without its squares the cost would not have the gradient that is followed.
+        held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
+        cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
         return Weighed(tuple(residuals), tuple(line.jacobian for line in lines), variance, cost)
 
     def further(self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed) -> tuple[np.ndarray, np.ndarray] | None:

@@ -115,3 +115,14 @@ def test_roots_of_singular_covariances(seed: int, known: list[int], spread: floa
     kept = np.isin(np.arange(5), known, invert=True)
     difference = (found - linear) * kept * scale
     assert np.max(np.abs(difference)) < 1e-6 * np.max(np.abs(linear * scale) + 1e-100)
+
+
+@given(seed=st.integers(0, 10**6), correlation=st.sampled_from([0.0, 0.3, 0.9]))
+def test_points_do_not_turn_with_rounding(seed: int, correlation: float) -> None:
+    # Alike correlations have no axes of their own: an error of the size of rounding must not choose where the points lie.
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-3.0, 3.0, 4)
+    error = rng.uniform(-1.0, 1.0, (4, 4)) * 1e-15
+    exact = np.full((4, 4), correlation) + (1.0 - correlation) * np.eye(4)
+    one, other = (square_root(C * np.outer(scale, scale)) for C in (exact, exact + error + error.T))
+    assert np.max(np.abs(one - other) / scale) < 1e-13

@@ -118,7 +118,8 @@ def test_record_holds_vane_total_load_factor_and_stick_at_40_hz() -> None:
     vane = truth.alpha - 24.0 / 969.6 * truth.q
     np.testing.assert_allclose(record["alpha"].values, vane[::2], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(record["q"].values, truth.q[::2])
-    np.testing.assert_array_equal(record["nz"].values, truth.nz[::2])
+    # The product with three rows of C and that with all of them add up in an order of the processor's own.
+    np.testing.assert_allclose(record["nz"].values, truth.nz[::2], rtol=1e-13)
     np.testing.assert_array_equal(record["stick"].values, three_two_one_one()(record.time))
     np.testing.assert_allclose(truth.recorded, record.output_array()[0])
 

@@ -37,9 +37,10 @@ seeds = st.integers(0, 10_000)
 @given(numbers)
 def test_exp_and_cos_agree_for_every_kind_of_number(x: float) -> None:
     for function, plain, general in ((exp, math.exp, cmath.exp), (cos, math.cos, cmath.cos)):
-        assert function(x) == plain(x)
+        # NumPy has exponentials and cosines of its own for some processors, up to a few ulps from the C library's.
+        assert function(x) == pytest.approx(plain(x), rel=1e-14, abs=1e-15)
         assert function(complex(x, 0.2)) == general(complex(x, 0.2))
-        np.testing.assert_allclose(function(np.array([x, x])), plain(x), rtol=1e-14)
+        np.testing.assert_allclose(function(np.array([x, x])), plain(x), rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize(
