@@ -13,13 +13,13 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.discretised import Variation, discretised_noise
-from ident.process_noise.innovations_model import SCALE, ProcessNoise, has_process_noise, process_noise
+from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
 from ident.process_noise.whitener import whitener
 from ident.statistics.residuals import ljung_box
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
-from ident.whole_record.layout import FitLayout, FitSettings, lay_out, reweighed
-from ident.whole_record.noise_model import WHITE
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.output_error import failed_estimate, fit_covariance
 from sim.declaration.system import System
 from sim.errors import ModelError
@@ -69,25 +69,26 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
 
     Parameters
     ----------
-    layout : whatever its noise_model, of a System whose states are forced.
+    layout : of a System whose states are forced.
     guesses : trajectories to begin with. levels : measurement noise by output, and ``process_noise_scale`` if wanted, of a
         fit of nearly the same model: a warm start. When None they come from an output-error fit, which also
         moves the other unknowns' start.
     """
-    layout, start = _never_still(layout), None
+    layout = _never_still(layout)
     if levels is None:
         coarse = replace(layout.settings, tolerance=max(_COARSE, layout.settings.tolerance))
-        first = fit_whole_records(reweighed(layout, WHITE, settings=coarse), guesses)
+        first = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
         if first is None:
             return None
         start, guesses, noise = first.theta.copy(), [line.states for line in first.lines], noise_start(first)
         factor = _size_of_motion(first, noise)
         for position, value in _amplitudes(layout).items():
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
+        layout = replace(layout, start=start)
         levels = {**dict(zip(layout.system.output_names, noise.tolist(), strict=True)), SCALE: factor}
     present = [name for name, used in zip(layout.system.output_names, layout.used, strict=True) if used]
     noise_model = process_noise(layout.system, {**dict.fromkeys(layout.system.output_names, 1.0), **levels}, present, scale=levels.get(SCALE, 1.0))
-    return fit_whole_records(reweighed(layout, noise_model, start), guesses)
+    return fit_whole_records(FitProblem(layout, noise_model), guesses)
 
 
 def _amplitudes(layout: FitLayout) -> dict[int, float]:
@@ -126,7 +127,7 @@ def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
 
 def noise_levels(fit: Fit) -> dict[str, float]:
     """Measurement noise by output, and the scale of declared process noise, of a fit with process noise: a warm start for another."""
-    noise_model = fit.layout.noise_model
+    noise_model = fit.noise_model
     if not isinstance(noise_model, ProcessNoise):
         return dict(zip(fit.layout.system.output_names, np.sqrt(fit.variance).tolist(), strict=True))
     std, scale = noise_model.levels(fit.theta)
@@ -156,12 +157,12 @@ def filter_error_estimate(fit: Fit) -> Estimate:
 
     Noise levels, turbulence's parameters among them, are those of the adjusted likelihood: see `ident.process_noise.restricted_likelihood`.
     """
-    layout, system = fit.layout, fit.layout.system
-    assert isinstance(layout.noise_model, ProcessNoise)
+    layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
     covariance, determined = fit_covariance(fit)
     theta, factor = restricted_levels(fit, covariance)
     covariance = covariance * np.outer(factor, factor)
-    scaled = layout.noise_model.scaled
+    scaled = noise_model.scaled
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
@@ -172,7 +173,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
         fit.outcome if determined else Outcome.NOT_IDENTIFIABLE,
         fit.log_likelihood,
         system.output_names,
-        layout.noise_model.levels(theta)[0],
+        noise_model.levels(theta)[0],
         tuple(one_step_prediction(fit, r) for r in range(len(fit.lines))),
         iterations=fit.iterations,
     )
@@ -180,7 +181,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
 
 def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
     """Outputs ``(m, N)`` of record ``r`` that a fit with process noise expects from the samples before each."""
-    problem, filter = fit.layout.problems[r], fit.weighed.filters[r]
+    problem, filter = fit.layout.problems[r], filters_of(fit.weighted)[r]
     motion, state = filter.whitener.motion, filter.residual.state[:, :, None]
     predicted = np.zeros_like(state)
     predicted[1:] = motion.Phi @ state[:-1]
@@ -230,9 +231,9 @@ def predictive_log_likelihood(
         )
     layout = lay_out(records, held, settings, local=local, masks=masks)
     # A first fit without process noise brings the trajectory near the record.
-    plain = fit_whole_records(reweighed(layout, WHITE, settings=replace(settings, tolerance=_COARSE)))
+    plain = fit_whole_records(FitProblem(replace(layout, settings=replace(settings, tolerance=_COARSE))))
     if plain is None:
         return -np.inf
     noise_model = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
-    fit = fit_whole_records(reweighed(layout, noise_model, plain.theta), [line.states for line in plain.lines])
+    fit = fit_whole_records(FitProblem(replace(layout, start=plain.theta), noise_model), [line.states for line in plain.lines])
     return -np.inf if fit is None else fit.log_likelihood

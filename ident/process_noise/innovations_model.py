@@ -14,9 +14,8 @@ import numpy as np
 
 from ident.process_noise.discretised import Variation, discretised_noise, noise_slopes, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
-from ident.whole_record.layout import FitLayout
 from ident.whole_record.linearise import Linearisation
-from ident.whole_record.noise_model import Weighed
+from ident.whole_record.noise_model import LaidOut, WeightedResiduals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.declaration.system import System
 
@@ -29,8 +28,13 @@ _LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
 class Filter:
     """The whitener of one record and the residual that went through it."""
 
+    problem: RecordProblem
     whitener: Whitener
     residual: Filtered
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Innovations of the columns over their standard deviation, zero where a sample is missing."""
+        return _at_samples(self.problem, filtered(self.whitener, _at_nodes(self.problem, columns)).standard)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +75,18 @@ class ProcessNoise:
         std[list(self.estimated)] = own[: len(self.estimated)]
         return std, float(own[-1]) if self.scaled else self.scale
 
-    def weigh(
-        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
-    ) -> Weighed | None:
+    def weight_residuals(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None:
         """Innovations of residuals and sensitivities; None where an innovation covariance is not positive definite."""
         try:
-            return self._weighed(layout, theta, lines, residuals, counts)
+            return self._innovations(layout, theta, lines, residuals, counts)
         except np.linalg.LinAlgError:
             return None
 
-    def further(self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed) -> tuple[np.ndarray, np.ndarray] | None:
+    def covariance_terms(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         """Terms through the filter's dependence on parameters and noise levels."""
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
@@ -89,7 +95,7 @@ class ProcessNoise:
         by_variance[np.arange(len(estimated)), estimated] = 2.0 * std[estimated]
         gradient, information = np.zeros(n), np.zeros((n, n))
         acting = [q for q, index in enumerate(layout.order) if not layout.system.parameters.items[index].name.startswith("bias_")]
-        for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, weighed.filters, strict=True)):
+        for r, (problem, line, filter) in enumerate(zip(layout.problems, lines, filters_of(weighted), strict=True)):
             at = Variation(layout.split(theta, r)[0], scale)
             pairs = slope_pairs(at, [layout.order[q] for q in acting], (problem.increment[acting] / INCREMENT).tolist(), self.scaled)
             slopes = noise_slopes(problem, line.states, at, pairs)
@@ -101,15 +107,15 @@ class ProcessNoise:
                 information[np.ix_(moving, moving)] += part.information
         return gradient, information
 
-    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """At most a factor on what sets the noise: far from the optimum the likelihood is anything but quadratic in it."""
-        low, high = layout.low.copy(), layout.high.copy()
+        low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):
             if theta[i] > 0:
                 low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
         return low, high
 
-    def setting_noise(self, layout: FitLayout, theta: np.ndarray) -> np.ndarray:
+    def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
         """Positions of the unknowns that set the noise: its own, and parameters of the System that move the forcing's density."""
         n = len(theta)
         positions = set(range(n - len(self.names), n))
@@ -120,14 +126,9 @@ class ProcessNoise:
             positions |= set(layout.columns(r)[setting].tolist())
         return np.array(sorted(positions), dtype=int)
 
-    def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
-        """Innovations of the columns over their standard deviation, zero where a sample is missing."""
-        problem = layout.problems[r]
-        return _at_samples(problem, filtered(weighed.filters[r].whitener, _at_nodes(problem, columns)).standard)
-
-    def _weighed(
-        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
-    ) -> Weighed | None:
+    def _innovations(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None:
         std, scale = self.levels(theta)
         cost, filters, whitened, jacobians = -0.5 * float(counts.sum()), [], [], []
         for r, (problem, line, residual) in enumerate(zip(layout.problems, lines, residuals, strict=True)):
@@ -135,14 +136,21 @@ class ProcessNoise:
             made = whitener(motion, std**2, _at_nodes(problem, problem.valid[:, :, None])[:, :, 0])
             passed = filtered(made, _at_nodes(problem, np.concatenate([residual[:, :, None], line.jacobian], axis=2)))
             own = Filtered(passed.innovation[:, :, 0], passed.standard[:, :, 0], passed.state[:, :, 0])
-            filters.append(Filter(made, own))
+            filters.append(Filter(problem, made, own))
             both = _at_samples(problem, passed.standard)
             whitened.append(both[:, :, 0])
             jacobians.append(both[:, :, 1:])
             cost += 0.5 * (made.log_determinant + float(np.sum(own.standard**2)))
         if not (np.isfinite(cost) and all(np.all(np.isfinite(jacobian)) for jacobian in jacobians)):
             return None
-        return Weighed(tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters))
+        return WeightedResiduals(tuple(whitened), tuple(jacobians), np.ones(len(std)), cost, tuple(filters))
+
+
+def filters_of(weighted: WeightedResiduals) -> tuple[Filter, ...]:
+    """The Kalman filters, one a record, of residuals that a ProcessNoise weighted."""
+    filters = tuple(item for item in weighted.filters if isinstance(item, Filter))
+    assert len(filters) == len(weighted.filters)
+    return filters
 
 
 def _density(system: System, p: np.ndarray) -> np.ndarray:

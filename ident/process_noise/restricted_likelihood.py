@@ -21,10 +21,10 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.
 
     ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas of noise levels go with the levels.
     """
-    noise_model, theta = fit.layout.noise_model, fit.theta
+    noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
     assert isinstance(noise_model, ProcessNoise)
     setting = noise_model.setting_noise(fit.layout, theta)
-    inside = (theta[setting] > fit.layout.low[setting]) & (theta[setting] < fit.layout.high[setting])
+    inside = (theta[setting] > low[setting]) & (theta[setting] < high[setting])
     moved, others = setting[inside], np.setdiff1d(np.arange(len(theta)), setting)
     base = _log_determinant(fit, theta, others)
     slope = np.zeros(len(moved))
@@ -36,7 +36,7 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> tuple[np.ndarray, np.
     factor = np.ones(len(theta))
     if np.all(np.isfinite(change)):
         factor[moved] = np.exp(change)
-    adjusted = np.clip(theta * factor, fit.layout.low, fit.layout.high)
+    adjusted = np.clip(theta * factor, low, high)
     factor[moved] = adjusted[moved] / theta[moved]
     return adjusted, factor
 
@@ -45,11 +45,11 @@ def _log_determinant(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> floa
     """Of the information on the unknowns at ``positions`` with the noise of ``theta``, about the fit's trajectories."""
     layout, n = fit.layout, len(theta)
     residuals = [np.where(problem.valid, problem.z - line.y, 0.0) for problem, line in zip(layout.problems, fit.lines, strict=True)]
-    weighed = layout.noise_model.weigh(layout, theta, fit.lines, residuals, fit.counts)
-    if weighed is None:
+    weighted = fit.noise_model.weight_residuals(layout, theta, fit.lines, residuals, fit.counts)
+    if weighted is None:
         return float("nan")
     information = np.zeros((n, n))
-    for r, jacobian in enumerate(weighed.jacobians):
+    for r, jacobian in enumerate(weighted.jacobians):
         at = layout.columns(r)
         J = jacobian.reshape(-1, len(at))
         information[np.ix_(at, at)] += J.T @ J

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit.
 
-The cost is minus the log likelihood that the layout's noise_model gives (each output's noise variance concentrated out,
+The cost is minus the log likelihood that the noise model gives (each output's noise variance concentrated out,
 0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is accepted on the defect-corrected
 residual, see `ident.whole_record.linearise`.
 """
@@ -15,9 +15,10 @@ import numpy as np
 
 from ident.estimate import LARGEST, Outcome
 from ident.statistics.information import conditional_scale
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.layout import ROUNDING, FitLayout
 from ident.whole_record.linearise import Linearisation, linearise
-from ident.whole_record.noise_model import Weighed
+from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
 _REMEMBERED = 4  # steps whose change of gradient is used
 _LEAST_DAMPING = 1e-4  # where noise levels are unknowns: less is of no use, and would have to be undone after a step too far
@@ -31,39 +32,49 @@ class Fit:
 
     Attributes
     ----------
-    theta : ``(n,)`` unknowns in the order of the layout.
-    lines : outputs and sensitivities of each record. weighed : residuals and sensitivities as those of independent samples.
+    theta : ``(n,)`` unknowns: the layout's, then the noise model's.
+    lines : outputs and sensitivities of each record. weighted : residuals and sensitivities as those of independent samples.
     counts : ``(m,)`` samples. cost : see above.
     """
 
-    layout: FitLayout
+    problem: FitProblem
     theta: np.ndarray
     guesses: tuple[np.ndarray, ...]
     lines: tuple[Linearisation, ...]
-    weighed: Weighed
+    weighted: WeightedResiduals
     counts: np.ndarray
     cost: float
     outcome: Outcome = Outcome.MAX_ITERATIONS
     iterations: int = 0
 
     @property
+    def layout(self) -> FitLayout:
+        """Which unknowns there are, and which record sees which."""
+        return self.problem.layout
+
+    @property
+    def noise_model(self) -> NoiseModel:
+        """The model of what is random in the data."""
+        return self.problem.noise_model
+
+    @property
     def residuals(self) -> tuple[np.ndarray, ...]:
         """Independent residuals ``(m, N)`` a record, zero where a sample is missing: measured minus fitted, or whitened."""
-        return self.weighed.residuals
+        return self.weighted.residuals
 
     @property
     def jacobians(self) -> tuple[np.ndarray, ...]:
         """Sensitivities ``(m, N, c)`` of each record that go with ``residuals``."""
-        return self.weighed.jacobians
+        return self.weighted.jacobians
 
     @property
     def variance(self) -> np.ndarray:
         """Variance of ``residuals``, ``(m,)``: of each output's noise, or ones where they are whitened."""
-        return self.weighed.variance
+        return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
         """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent samples of variance one."""
-        return self.layout.noise_model.whiten(self.layout, self.weighed, r, columns)
+        return self.weighted.filters[r].whiten(columns)
 
     @property
     def log_likelihood(self) -> float:
@@ -82,10 +93,10 @@ class Fit:
         if prior is not None:
             normal[np.ix_(prior.positions, prior.positions)] += prior.information
             gradient[prior.positions] += prior.information @ (prior.mean - self.theta[prior.positions])
-        further = self.layout.noise_model.further(self.layout, self.theta, self.lines, self.weighed)
-        if further is not None:
-            gradient += further[0]
-            normal += further[1]
+        terms = self.noise_model.covariance_terms(self.layout, self.theta, self.lines, self.weighted)
+        if terms is not None:
+            gradient += terms[0]
+            normal += terms[1]
         for r, (problem, residual) in enumerate(zip(self.layout.problems, self.residuals, strict=True)):
             at = self.layout.columns(r)
             weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0).ravel()
@@ -95,35 +106,36 @@ class Fit:
         return normal, gradient
 
 
-def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Minimise the cost from ``layout.start``; None when not even the start has a finite cost.
+def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = None) -> Fit | None:
+    """Minimise the cost from ``problem.start``; None when not even the start has a finite cost.
 
     ``guesses`` are trajectories to begin with, from the measured channels when None. Outcomes: ``CONVERGED`` or
     ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
     """
-    settings = layout.settings
-    begun = layout.guesses(layout.start) if guesses is None else guesses
-    fit = evaluate(layout, layout.start, begun)
+    layout, noise_model, settings = problem.layout, problem.noise_model, problem.layout.settings
+    start, low, high = problem.start, problem.low, problem.high
+    begun = layout.guesses(start) if guesses is None else guesses
+    fit = evaluate(problem, start, begun)
     if fit is None and guesses is None and layout.problems:
         return None
     if fit is None:
-        fit = evaluate(layout, layout.start, layout.guesses(layout.start))
+        fit = evaluate(problem, start, layout.guesses(start))
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
     normal, gradient = fit.normal_equations()
-    curved = bool(layout.noise_model.names)
+    curved = bool(noise_model.names)
     floor = _LEAST_DAMPING if curved else 1e-12
     moves: list[tuple[np.ndarray, np.ndarray]] = []
     while done < settings.iterations:
         done += 1
         scale = conditional_scale(normal, fit.theta)
-        pressed = ((fit.theta <= layout.low) & (gradient < 0)) | ((fit.theta >= layout.high) & (gradient > 0))
+        pressed = ((fit.theta <= low) & (gradient < 0)) | ((fit.theta >= high) & (gradient > 0))
         moving = (np.diag(normal) > 0) & ~pressed
         scaled, slope = normal * np.outer(scale, scale), scale * gradient
-        low, high = layout.noise_model.reach(layout, fit.theta)
-        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), low, high)
-        trial = evaluate(layout, trial_theta, _carried(fit, trial_theta))
+        least, most = noise_model.step_bounds(layout, fit.theta)
+        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), least, most)
+        trial = evaluate(problem, trial_theta, _carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
             settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
             before, fit, damping = fit, trial, max(damping / 10.0, floor)
@@ -144,25 +156,27 @@ def fit_whole_records(layout: FitLayout, guesses: list[np.ndarray] | None = None
     return replace(joined_up(fit), outcome=outcome, iterations=done)
 
 
-def evaluate(layout: FitLayout, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
+def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
     """Cost, residuals and sensitivities at ``theta``; None where they are not finite."""
-    lines, residuals = [], []
+    layout = problem.layout
+    lines: list[Linearisation] = []
+    residuals: list[np.ndarray] = []
     with np.errstate(all="ignore"):
-        for r, problem in enumerate(layout.problems):
-            line = linearise(problem, *layout.split(theta, r), guesses[r])
+        for r, recorded in enumerate(layout.problems):
+            line = linearise(recorded, *layout.split(theta, r), guesses[r])
             if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
                 return None
             lines.append(line)
-            residuals.append(np.where(problem.valid, problem.z - line.y, 0.0))
-        counts = np.sum([problem.valid.sum(axis=1) for problem in layout.problems], axis=0)
-        weighed = layout.noise_model.weigh(layout, theta, lines, residuals, counts)
-    if weighed is None:
+            residuals.append(np.where(recorded.valid, recorded.z - line.y, 0.0))
+        counts = np.sum([recorded.valid.sum(axis=1) for recorded in layout.problems], axis=0)
+        weighted = problem.noise_model.weight_residuals(layout, theta, lines, residuals, counts)
+    if weighted is None:
         return None
-    cost = weighed.cost
+    cost = weighted.cost
     if layout.prior is not None:
         away = theta[layout.prior.positions] - layout.prior.mean
         cost += 0.5 * float(away @ layout.prior.information @ away)
-    return Fit(layout, theta, tuple(guesses), tuple(lines), weighed, counts, cost)
+    return Fit(problem, theta, tuple(guesses), tuple(lines), weighted, counts, cost)
 
 
 def joined_up(fit: Fit) -> Fit:
@@ -174,7 +188,7 @@ def joined_up(fit: Fit) -> Fit:
     for _ in range(3):
         gap = max(np.max(np.abs(line.states - guess), initial=0.0) for line, guess in zip(fit.lines, fit.guesses, strict=True))
         size = max(np.max(np.abs(line.states), initial=0.0) for line in fit.lines)
-        again = evaluate(fit.layout, fit.theta, [line.states for line in fit.lines]) if gap > closed * size else None
+        again = evaluate(fit.problem, fit.theta, [line.states for line in fit.lines]) if gap > closed * size else None
         if again is None:
             break
         fit = again

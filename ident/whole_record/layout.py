@@ -1,15 +1,14 @@
-"""Layout of a whole-record fit: which unknowns there are, which record sees which, how the data are weighed."""
+"""Layout of a whole-record fit: which unknowns there are, and which record sees which."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ident.whole_record.first_guess import known_states
-from ident.whole_record.noise_model import WHITE, NoiseModel
 from ident.whole_record.record_problem import RecordProblem, guess_states, record_problem
 from sim.declaration.parameters import Parameter
 from sim.declaration.system import System
@@ -62,7 +61,6 @@ class FitLayout:
     start, low, high : of all unknowns, ``(n,)``. order : positions of shared and local among the System's parameters.
     prior : None where no unknown has one. used : ``(m,)`` outputs with at least one sample.
     smallest : ``(m,)`` variance below which an output is exact to rounding.
-    noise_model : the model of what is random in the data; its own unknowns stand behind all others.
     """
 
     system: System
@@ -78,7 +76,6 @@ class FitLayout:
     prior: Prior | None
     used: np.ndarray
     smallest: np.ndarray
-    noise_model: NoiseModel = WHITE
 
     @property
     def own(self) -> int:
@@ -91,7 +88,7 @@ class FitLayout:
         mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
         many = len(self.problems) > 1
         each = (f"{name}, record {r + 1}" if many else name for r in range(len(self.problems)) for name in mine)
-        return (*self.shared, *each, *self.noise_model.names)
+        return (*self.shared, *each)
 
     def columns(self, r: int) -> np.ndarray:
         """Positions in theta of the unknowns that record ``r`` sees."""
@@ -118,7 +115,6 @@ def lay_out(
     local: Collection[str] = (),
     masks: Sequence[np.ndarray] | None = None,
     start: np.ndarray | None = None,
-    noise_model: NoiseModel | None = None,
 ) -> FitLayout:
     """Lay out a fit of one or several records.
 
@@ -126,8 +122,7 @@ def lay_out(
     ----------
     local : further parameters, besides ``bias_*``, of which each record has its own.
     masks : ``(m, N)`` a record, False where a sample is set aside; None uses all that are valid.
-    start : ``(n,)`` all unknowns; from the System and the first samples when None. Those of the noise_model may be left out.
-    noise_model : white noise with concentrated variances when None.
+    start : ``(n,)`` all unknowns; from the System and the first samples when None.
 
     Raises
     ------
@@ -152,14 +147,10 @@ def lay_out(
     mine = [parameters[name] for name in own] + [initial.items[i] for i in starts]
     items = [parameters[name] for name in shared] + mine * len(records)
     low, high = np.array([item.bounds[0] for item in items]), np.array([item.bounds[1] for item in items])
-    noise_model = noise_model or WHITE
-    low, high = np.concatenate([low, noise_model.low]), np.concatenate([high, noise_model.high])
-    first = np.array([*(item.value for item in items), *noise_model.start], dtype=float)
+    first = np.array([item.value for item in items], dtype=float)
     if start is None and not settings.use_priors:
         _seed_initial_states(first, records, system, starts, len(shared), len(own))
-    if start is not None:
-        first = np.concatenate([start, first[len(start) :]])
-    first = np.clip(first, low, high)
+    first = np.clip(first if start is None else start, low, high)
     size = np.array([max(np.max(np.abs(problem.z[i]), initial=0.0) for problem in problems) for i in range(len(system.outputs))])
     return FitLayout(
         system,
@@ -175,21 +166,6 @@ def lay_out(
         _declared_prior(items) if settings.use_priors else None,
         np.array([any(np.any(problem.valid[i]) for problem in problems) for i in range(len(system.outputs))]),
         np.maximum(ROUNDING * size, 1e-30) ** 2,
-        noise_model,
-    )
-
-
-def reweighed(layout: FitLayout, noise_model: NoiseModel, start: np.ndarray | None = None, settings: FitSettings | None = None) -> FitLayout:
-    """The same unknowns and data under another model of what is random; ``start`` of all unknowns but the noise_model's own."""
-    n = len(layout.start) - len(layout.noise_model.names)
-    first = layout.start[:n] if start is None else start
-    return replace(
-        layout,
-        settings=settings or layout.settings,
-        start=np.concatenate([first, noise_model.start]),
-        low=np.concatenate([layout.low[:n], noise_model.low]),
-        high=np.concatenate([layout.high[:n], noise_model.high]),
-        noise_model=noise_model,
     )
 
 

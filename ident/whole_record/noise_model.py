@@ -1,25 +1,53 @@
-"""How a whole-record fit weighs its residuals: white noise whose variances are concentrated out, by default.
+"""What is random in the data of a whole-record fit: by default white noise whose variances are concentrated out.
 
-A NoiseModel turns residuals and sensitivities into those of independent samples; it may have unknowns of its own, which stand
-behind all others in theta. See `ident.process_noise.innovations_model` for the other one.
+A NoiseModel turns residuals and sensitivities into those of independent samples. It may have unknowns of its own, which stand
+behind those of the layout in theta. `ident.process_noise.innovations_model` is the one with a Kalman filter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from ident.process_noise.innovations_model import Filter
-    from ident.whole_record.layout import FitLayout
-    from ident.whole_record.linearise import Linearisation
+from ident.whole_record.linearise import Linearisation
+from ident.whole_record.record_problem import RecordProblem
+from sim.declaration.system import System
+
+
+class LaidOut(Protocol):
+    """What a noise model reads of a layout; `ident.whole_record.layout.FitLayout` has it."""
+
+    @property
+    def system(self) -> System: ...
+    @property
+    def problems(self) -> tuple[RecordProblem, ...]: ...
+    @property
+    def order(self) -> tuple[int, ...]: ...
+    @property
+    def low(self) -> np.ndarray: ...
+    @property
+    def high(self) -> np.ndarray: ...
+    @property
+    def used(self) -> np.ndarray: ...
+    @property
+    def smallest(self) -> np.ndarray: ...
+    def columns(self, r: int) -> np.ndarray: ...
+    def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+class ResidualFilter(Protocol):
+    """What makes the residuals of one record independent."""
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance one, zero where a sample is missing."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class WeightedResiduals:
     """Residuals and sensitivities of each record as those of independent samples.
 
     Attributes
@@ -27,24 +55,23 @@ class Weighed:
     residuals, jacobians : ``(m, N)`` and ``(m, N, c)`` a record; residuals are zero where a sample is missing.
     variance : ``(m,)`` of the residuals.
     cost : minus the log likelihood, without 0.5 (1 + ln 2 pi) a sample.
-    filters : what made the residuals independent, one a record; empty where they were taken as they are.
+    filters : one a record, for further columns.
     """
 
     residuals: tuple[np.ndarray, ...]
     jacobians: tuple[np.ndarray, ...]
     variance: np.ndarray
     cost: float
-    filters: tuple[Filter, ...] = ()
+    filters: tuple[ResidualFilter, ...]
 
 
 class NoiseModel(Protocol):
     """The model of what is random in the data.
 
-    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weigh`` returns None where its likelihood is not finite.
-    ``further`` gives gradient ``(n,)`` and expected information ``(n, n)`` of the log likelihood beyond those that the residuals
-    have through the jacobians; None where there is nothing.
-    ``reach`` bounds one step of a fit from ``theta``: lowest and highest values of all unknowns, ``(n,)`` each.
-    ``whiten`` makes columns ``(m, N, c)`` in the outputs' units, of record ``r``, those of independent samples of variance one.
+    ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns None where its likelihood is not
+    finite. ``covariance_terms`` are gradient ``(n,)`` and expected information ``(n, n)`` of the log likelihood through the dependence
+    of the residuals' covariance on the unknowns; None where there is none.
+    ``step_bounds`` of one step of a fit from ``theta``: lowest and highest values of all unknowns, ``(n,)`` each.
     """
 
     @property
@@ -55,14 +82,26 @@ class NoiseModel(Protocol):
     def low(self) -> np.ndarray: ...
     @property
     def high(self) -> np.ndarray: ...
-    def weigh(
-        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
-    ) -> Weighed | None: ...
-    def further(
-        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed
+    def weight_residuals(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None: ...
+    def covariance_terms(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
     ) -> tuple[np.ndarray, np.ndarray] | None: ...
-    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
-    def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray: ...
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Standardised:
+    """Division by each output's standard deviation: ``valid (m, N)``, ``variance (m,)``."""
+
+    valid: np.ndarray
+    variance: np.ndarray
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Columns over the standard deviation, zero where a sample is missing."""
+        weight = np.where(self.valid, 1.0 / np.sqrt(self.variance)[:, None], 0.0)
+        return weight[:, :, None] * columns
 
 
 @dataclass(frozen=True)
@@ -77,9 +116,9 @@ class White:
 
     low = high = start
 
-    def weigh(
-        self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
-    ) -> Weighed | None:
+    def weight_residuals(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], residuals: Sequence[np.ndarray], counts: np.ndarray
+    ) -> WeightedResiduals | None:
         """Residuals and sensitivities as they are."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
         found = squares / np.maximum(counts, 1)
@@ -87,20 +126,18 @@ class White:
         # A variance held at its least is no unknown: without its squares the cost would not have the gradient that is followed.
         held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
         cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
-        return Weighed(tuple(residuals), tuple(line.jacobian for line in lines), variance, cost)
+        filters = tuple(Standardised(problem.valid, variance) for problem in layout.problems)
+        return WeightedResiduals(tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters)
 
-    def further(self, layout: FitLayout, theta: np.ndarray, lines: Sequence[Linearisation], weighed: Weighed) -> tuple[np.ndarray, np.ndarray] | None:
-        """Nothing: the variances are concentrated out."""
+    def covariance_terms(
+        self, layout: LaidOut, theta: np.ndarray, lines: Sequence[Linearisation], weighted: WeightedResiduals
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """None: the variances are concentrated out."""
         return None
 
-    def reach(self, layout: FitLayout, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The bounds of the layout."""
         return layout.low, layout.high
-
-    def whiten(self, layout: FitLayout, weighed: Weighed, r: int, columns: np.ndarray) -> np.ndarray:
-        """Columns over the standard deviation, zero where a sample is missing."""
-        weight = np.where(layout.problems[r].valid, 1.0 / np.sqrt(weighed.variance)[:, None], 0.0)
-        return weight[:, :, None] * columns
 
 
 WHITE = White()

@@ -13,6 +13,7 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from sim.declaration.system import System
@@ -44,7 +45,7 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     layout = lay_out(records, system, settings or FitSettings())
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
-    fit = fit_whole_records(layout)
+    fit = fit_whole_records(FitProblem(layout))
     return failed_estimate(layout) if fit is None else estimate_of(fit)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
@@ -70,7 +71,7 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
 def _fit(reading: Reading, outputs: Sequence[str]) -> Fit | None:
     model, records = reading
     biased = model.with_biases([name for name in outputs if name != "altitude"])
-    return fit_whole_records(lay_out(records, compile_model(biased, list(outputs)), SETTINGS))
+    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), SETTINGS)))
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:

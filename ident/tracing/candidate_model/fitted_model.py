@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.process_noise.filter_error import fit_with_process_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from sim.declaration.compile import compile_model
@@ -148,7 +149,7 @@ def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels:
     """A whole-record fit, with a filter where process noise forces a state."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels)
-    return fit_whole_records(layout, guesses)
+    return fit_whole_records(FitProblem(layout), guesses)
 
 
 def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = None) -> Start:
@@ -158,7 +159,7 @@ def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = N
 
 def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
     """Noise levels of a fitted model with process noise; None where there is none."""
-    return noise_levels(fitted.fit) if fitted.fit.layout.noise_model.names else None
+    return noise_levels(fitted.fit) if fitted.fit.noise_model.names else None
 
 
 def known_beforehand(model: Model, effects: Sequence[Effect], layout: FitLayout) -> Prior | None:

@@ -185,7 +185,7 @@ def without_record(fitted: FittedModel, r: int) -> FittedModel:
     inside = normal[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
     step = np.zeros(len(fit.theta))
     step[moving] = np.linalg.lstsq(inside, gradient[moving] / scale[moving], rcond=1e-10)[0] / scale[moving]
-    return replace(fitted, fit=replace(fit, theta=np.clip(fit.theta + step, layout.low, layout.high)))
+    return replace(fitted, fit=replace(fit, theta=np.clip(fit.theta + step, fit.problem.low, fit.problem.high)))
 
 
 def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:

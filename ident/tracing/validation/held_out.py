@@ -32,6 +32,7 @@ from ident.tracing.diagnosis import Candidate
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.validation.whiteness import whiteness
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import Prior, lay_out
 from sim.declaration.effect import Effect
@@ -169,7 +170,7 @@ def _fit_set(
     if prior is not None:
         layout = replace(layout, prior=prior)
     # A free simulation has no filter; under training's knowledge the process noise is that of training.
-    fit = fit_whole_records(layout, guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
+    fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
     return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.estimate import Estimate
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import estimate_of
@@ -29,7 +30,7 @@ def declared_model(declared: Model, starts: Mapping[str, float], effects: Sequen
 def fitted(records: Sequence[Record], model: Model, *, coloured: bool = False, step: float = 0.01) -> Fit:
     """Output error over whole records together; ModelError where no finite cost is found."""
     layout = lay_out([record.only(MEASURED) for record in records], compile_model(model, MEASURED), FitSettings(max_step=step, coloured=coloured))
-    fit = fit_whole_records(layout)
+    fit = fit_whole_records(FitProblem(layout))
     if fit is None:
         raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check the declared levels")
     return fit

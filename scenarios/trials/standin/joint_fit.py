@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.statistics.information import conditional_scale
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from sim.declaration.system import System
@@ -188,7 +189,7 @@ def _summed(draws: Sequence[Sequence[Record]], system: System, settings: FitSett
     for records in draws:
         layout, last = lay_out(records, system, settings), first + len(records)
         theta = np.concatenate([point.shared, point.own[first:last].ravel()])
-        fit = evaluate(layout, theta, list(point.states[first:last]))
+        fit = evaluate(FitProblem(layout), theta, list(point.states[first:last]))
         if fit is None:
             return None
         for problem, line in zip(layout.problems, fit.lines, strict=True):

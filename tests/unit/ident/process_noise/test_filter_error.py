@@ -18,8 +18,9 @@ from ident.process_noise.filter_error import (
     turbulence_worth_trying,
 )
 from ident.process_noise.innovations_model import SCALE, process_noise
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import fit_whole_records
-from ident.whole_record.layout import FitSettings, lay_out, reweighed
+from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.errors import ModelError
@@ -63,10 +64,10 @@ def test_starts_far_off(intensity: float) -> None:
 def test_without_forcing_it_is_output_error() -> None:
     record = rough_record(np.random.default_rng(13), 301, intensity=0.0, missing=0.05)
     system = compile_model(calm_model())
-    plain = fit_whole_records(lay_out([record], system, replace(SETTINGS, tolerance=1e-6)))
+    plain = fit_whole_records(FitProblem(lay_out([record], system, replace(SETTINGS, tolerance=1e-6))))
     assert plain is not None
     noise_model = process_noise(system, dict(zip(OUTPUTS, 1.5 * NOISE, strict=True)), OUTPUTS)
-    fit = fit_whole_records(reweighed(plain.layout, noise_model))
+    fit = fit_whole_records(FitProblem(plain.layout, noise_model))
     assert fit is not None and fit.outcome is Outcome.CONVERGED
     n = len(plain.theta)
     sigma = 1.0 / np.sqrt(np.diag(plain.normal_equations()[0]))
@@ -136,7 +137,7 @@ def test_whitened_signatures_go_with_whitened_residuals() -> None:
     fit = fit_with_process_noise(lay_out([record], compile_model(rough_model()), SETTINGS))
     assert fit is not None
     assert fit.whiten(0, fit.lines[0].jacobian) == pytest.approx(fit.jacobians[0], rel=1e-12, abs=1e-12)
-    plain = fit_whole_records(lay_out([record], compile_model(calm_model()), SETTINGS))
+    plain = fit_whole_records(FitProblem(lay_out([record], compile_model(calm_model()), SETTINGS)))
     assert plain is not None
     white = plain.whiten(0, plain.residuals[0][:, :, None])[:, :, 0]
     assert (white**2).sum(axis=1) == pytest.approx(plain.counts, rel=1e-12)
@@ -144,7 +145,7 @@ def test_whitened_signatures_go_with_whitened_residuals() -> None:
 
 def test_noise_is_read_off_residuals_that_hold_motion() -> None:
     record = rough_record(np.random.default_rng(20), 801, intensity=1.0, missing=0.05)
-    fit = fit_whole_records(lay_out([record], compile_model(calm_model()), SETTINGS))
+    fit = fit_whole_records(FitProblem(lay_out([record], compile_model(calm_model()), SETTINGS)))
     assert fit is not None
     assert noise_start(fit) == pytest.approx(NOISE, rel=0.25)
     assert np.sqrt(fit.variance[0]) > 1.5 * NOISE[0]
@@ -152,7 +153,9 @@ def test_noise_is_read_off_residuals_that_hold_motion() -> None:
 
 @pytest.mark.parametrize(("intensity", "worth"), [(0.0, False), (0.3, True)])
 def test_turbulence_is_worth_trying_where_residuals_are_not_white(intensity: float, worth: bool) -> None:
-    fit = fit_whole_records(lay_out([rough_record(np.random.default_rng(21), 501, intensity=intensity)], compile_model(calm_model()), SETTINGS))
+    fit = fit_whole_records(
+        FitProblem(lay_out([rough_record(np.random.default_rng(21), 501, intensity=intensity)], compile_model(calm_model()), SETTINGS))
+    )
     assert fit is not None
     assert (turbulence_worth_trying(fit) < 1e-2) is worth
 
@@ -176,7 +179,9 @@ def test_prediction_without_process_noise_is_gaussian() -> None:
     values = dict(zip(DERIVATIVES, TRUE.tolist(), strict=True))
     got = predictive_log_likelihood([record], system, values, dict(zip(OUTPUTS, NOISE.tolist(), strict=True)), SETTINGS)
     held = replace(system, parameters=system.parameters.only_free(["bias_alpha", "bias_q", "bias_nz"]))
-    fit = fit_whole_records(reweighed(lay_out([record], held, SETTINGS), process_noise(held, dict(zip(OUTPUTS, NOISE, strict=True)), (), fixed=True)))
+    fit = fit_whole_records(
+        FitProblem(lay_out([record], held, SETTINGS), process_noise(held, dict(zip(OUTPUTS, NOISE, strict=True)), (), fixed=True))
+    )
     assert fit is not None
     e = (fit.layout.problems[0].z - fit.lines[0].y) / NOISE[:, None]
     expected = -0.5 * float(np.sum(e**2)) - 201 * float(np.sum(np.log(NOISE))) - 1.5 * 201 * math.log(2.0 * math.pi)

@@ -11,6 +11,7 @@ import pytest
 from ident.process_noise.discretised import Variation, discretised, discretised_noise
 from ident.process_noise.innovations_model import process_noise
 from ident.process_noise.whitener import Whitener, filtered, whitener
+from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.record_problem import RecordProblem, record_problem
@@ -176,18 +177,19 @@ def test_gradient_of_the_likelihood_is_its_slope(kind: str) -> None:
         record = without_rows(record, slice(1, -1, 3))
     system = compile_model(rough_model())
     levels = dict(zip(system.output_names, 1.3 * NOISE, strict=True))
-    layout = lay_out([record], system, FitSettings(0.01), noise_model=process_noise(system, levels, system.output_names))
-    first = evaluate(layout, layout.start, layout.guesses(layout.start))
+    layout = lay_out([record], system, FitSettings(0.01))
+    problem = FitProblem(layout, process_noise(system, levels, system.output_names))
+    first = evaluate(problem, problem.start, layout.guesses(layout.start))
     assert first is not None
-    fit = evaluate(layout, layout.start, [first.lines[0].states])
+    fit = evaluate(problem, problem.start, [first.lines[0].states])
     assert fit is not None
     information, gradient = fit.normal_equations()
     for i, scale in enumerate(1.0 / np.sqrt(np.diag(information))):
         costs = []
         for step in (-1e-3, 1e-3):
-            theta = layout.start.copy()
+            theta = problem.start.copy()
             theta[i] += step * scale
-            moved = evaluate(layout, theta, [fit.lines[0].states])
+            moved = evaluate(problem, theta, [fit.lines[0].states])
             assert moved is not None
             costs.append(moved.cost)
-        assert gradient[i] * scale == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-4, abs=1e-4), layout.names[i]
+        assert gradient[i] * scale == pytest.approx((costs[0] - costs[1]) / 2e-3, rel=1e-4, abs=1e-4), problem.names[i]

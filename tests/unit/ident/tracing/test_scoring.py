@@ -26,7 +26,7 @@ def root() -> FittedModel:
 def with_residuals(fitted: FittedModel, residuals: Sequence[np.ndarray], lift: np.ndarray | float = 0.0) -> FittedModel:
     """The node with other residuals, and with fitted outputs raised by ``lift``."""
     lines = tuple(replace(line, y=line.y + lift) for line in fitted.fit.lines)
-    return replace(fitted, fit=replace(fitted.fit, lines=lines, weighed=replace(fitted.fit.weighed, residuals=tuple(residuals))))
+    return replace(fitted, fit=replace(fitted.fit, lines=lines, weighted=replace(fitted.fit.weighted, residuals=tuple(residuals))))
 
 
 def spoiled(record: Record, first: float, factor: float) -> Record:

@@ -115,21 +115,21 @@ def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> 
     fitted = root_of(late)
     frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
-    halved = [replace(fit, weighed=replace(fit.weighed, residuals=(fit.residuals[0] * np.array([[0.5], [1.0], [1.0]]),))) for fit in before]
+    halved = [replace(fit, weighted=replace(fit.weighted, residuals=(fit.residuals[0] * np.array([[0.5], [1.0], [1.0]]),))) for fit in before]
     found = reduction(before, halved)
     assert found.total == pytest.approx(np.log(0.5) / 3.0) and found.share == pytest.approx(0.5 ** (1 / 3))
     assert found.by_channel == pytest.approx([np.log(0.5), 0.0, 0.0]) and found.scatter == pytest.approx(0.0, abs=1e-12)
     assert len(found.by_record) == 3
     # Errors that are exchanged at random between before and after change nothing but for scatter.
     rng = np.random.default_rng(3)
-    shuffled = [replace(fit, weighed=replace(fit.weighed, residuals=(rng.permuted(fit.residuals[0], axis=1),))) for fit in before]
+    shuffled = [replace(fit, weighted=replace(fit.weighted, residuals=(rng.permuted(fit.residuals[0], axis=1),))) for fit in before]
     assert abs(reduction(before, shuffled).total) < 3.0 * reduction(before, shuffled).scatter + 1e-9
 
 
 def standing(effect: Effect, fitted: FittedModel, predictions: list[Fit], share: float, *, stands: bool = True) -> CrossValidation:
     """A candidate that leaves this share of every error, with one parameter a name in ``absent``."""
     left = {
-        r: replace(fit, weighed=replace(fit.weighed, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
+        r: replace(fit, weighted=replace(fit.weighted, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
     }  # the same errors, smaller: a difference without scatter
     lowered = reduction(predictions, [left[r] for r in sorted(left)])
     finding = Finding(effect, 10.0, len(effect.absent), ({},), (10.0,), np.ones(3))
