@@ -11,8 +11,8 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Channel, Record
 from tests.bases import Flight, rigid_flight, rigid_model
 from tests.rigid_problem import noisy
@@ -34,20 +34,24 @@ def doublets(duration: float = 10.0, rate: float = 50.0, size: float = 0.06) -> 
 
 
 def planted(
-    effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
+    effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
 ) -> Record:
     """A record of the rigid aircraft with effects at given values (full names)."""
     model = rigid_model().with_effects(*effects).with_values(values or {})
     return noisy(model, flight or doublets(), np.random.default_rng(seed), scale=scale)
 
 
-def search_of(records: Sequence[Record], candidates: Sequence[Effect] = (), settings: TraceSettings = SETTINGS, model: Model | None = None) -> Search:
+def search_of(
+    records: Sequence[Record], candidates: Sequence[Traceable] = (), settings: TraceSettings = SETTINGS, model: Model | None = None
+) -> Search:
     """A search that nothing was fitted in yet."""
     outputs = [name for name in OUTPUTS if any(name in record.output_names for record in records)]
     return Search(records, model or declared(), tuple(candidates), outputs, settings, measured_masks(records, outputs), lambda text, share: None)
 
 
-def fit_of(search: Search, effects: Sequence[Effect] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None) -> FittedModel:
+def fit_of(
+    search: Search, effects: Sequence[Traceable] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None
+) -> FittedModel:
     """A fit that has to work."""
     fitted = search.fit(effects, start, added)
     assert fitted is not None

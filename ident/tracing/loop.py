@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
 from ident.tracing.replication.between_records import FEWEST, RecordScatter, scatter_between_records
@@ -23,8 +23,8 @@ from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_
 from ident.tracing.validation.held_out import HeldOut, held_out, with_held_out_change
 from ident.tracing.validation.whiteness import whiteness
 from ident.tracing.verdict import alternatives_of, best_by_held_out, judge, not_noise
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
 from sim.record import Record
 
@@ -32,8 +32,8 @@ from sim.record import Record
 def diagnose(
     records: Sequence[Record],
     model: Model,
-    candidates: Sequence[Effect],
-    guards: Sequence[Effect],
+    candidates: Sequence[Traceable],
+    guards: Sequence[Traceable],
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = lambda text, share: None,
@@ -98,20 +98,19 @@ def diagnose(
     tests_after = tuple(whiteness(best.fit, "fitted"))
     if out_after.informed is not None:
         tests_after += tuple(whiteness(out_after.informed, "held out"))
-    guarded = guards_among(best.names)
-    effects = [*input_claims, *claims, *_claims(search, best, guarded)]
+    spikes = [*input_claims, *claims]
+    effects = [*spikes, *_claims(search, best, best.guards)]
     verdict, warnings = judge(search, root, best, effects, tests_after, out_before, out_after, settings)
     record_scatter = scatter_before = RecordScatter()
     if verdict is Verdict.UNEXPLAINED:
         effects = [_hint(effect) for effect in effects]
         if _no_better(out_before, out_after):
             # What does not help on data that were not fitted is not even a hint.
-            best, out_after, effects = root, out_before, [effect for effect in effects if effect.name.startswith("sensor-spikes")]
+            best, out_after, effects = root, out_before, [_hint(spike) for spike in spikes]
         if not asked:
             partial = _replicating(search, root, seen, kept, out_before)
         if partial is not None:
-            spikes = [effect for effect in effects if effect.name.startswith("sensor-spikes")]
-            again = _judged_again(search, root, partial, spikes, seen, kept, out_before)
+            again = _judged_again(search, root, partial, [_hint(spike) for spike in spikes], seen, kept, out_before)
             verdict, best, out_after, effects, tests_after, warnings = again
         if verdict in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
             # Where what remains is not noise, records differ by more than any one of them can tell.
@@ -128,7 +127,7 @@ def _apart(
     """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
     if not validation:
         return [], None, HeldOut(None, None)
-    seen = [mended_inputs(record, [claim.name for claim in input_claims]) for record in validation]
+    seen = [mended_inputs(record, [claim.name.partition(":")[2] for claim in input_claims]) for record in validation]
     kept = held_out_masks(held_out(root, validation, None, informed=False), seen, outputs)
     return seen, kept, held_out(root, validation, kept, informed=False)
 
@@ -155,7 +154,7 @@ def _judged_again(
     if not hopeless(search, partial.fitted):
         best, out = best_by_held_out(search, extended(search, root, partial.fitted), validation, masks)
         tests = tuple(whiteness(best.fit, "fitted")) + (tuple(whiteness(out.informed, "held out")) if out.informed is not None else ())
-        claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, guards_among(best.names))]
+        claims = [*(_claimed(spike) for spike in spikes), *_claims(search, best, best.guards)]
         verdict, warnings = judge(search, root, best, claims, tests, before, out, search.settings)
         if verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
             return verdict, best, out, claims, tests, warnings
@@ -173,7 +172,7 @@ def _claims(search: Search, best: FittedModel, guarded: Sequence[str]) -> list[C
     return [
         Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)
         for effect in best.effects
-        if not guards_among([effect.name])
+        if not effect.traits.guard
     ]
 
 

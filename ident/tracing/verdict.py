@@ -9,18 +9,16 @@ import numpy as np
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Claim, Step, Verdict
-from ident.tracing.screening.score_test import same_sensor_twins
 from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.near_aliases import near_aliases
 from ident.tracing.selection.search import Search
 from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOut, doubted, held_out
-from sim.declaration.effect import Effect
-from sim.declaration.proposal import Refinable
+from sim.declaration.proposal import Refinable, Traceable
 from sim.record import Record
 
 TIE = 12.0  # difference of scores below which a guard does not stand against the library
@@ -33,7 +31,7 @@ def best_by_held_out(
 ) -> tuple[FittedModel, HeldOut]:
     """Of the sets of equal size that are near, the one that the held-out records prefer; and its fits there."""
     best = _without_guard(search, best)
-    hopeless = not is_white(best, search.settings.white) or bool(guards_among(best.names))
+    hopeless = not is_white(best, search.settings.white) or bool(best.guards)
     out = held_out(best, validation, masks, informed=not hopeless) if validation else HeldOut(None, None)
     if not best.effects or hopeless:
         # What training itself does not explain, no held-out record will.
@@ -60,12 +58,12 @@ def best_by_held_out(
 
 def _without_guard(search: Search, best: FittedModel) -> FittedModel:
     """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
-    if not guards_among(best.names):
+    if not best.guards:
         return best
     rivals = [
         fitted
         for key, fitted in search.fitted_models.items()
-        if len(fitted.effects) == len(best.effects) and not guards_among(key) and search.scores[key] - search.score(best) < TIE
+        if len(fitted.effects) == len(best.effects) and not key & search.guards and search.scores[key] - search.score(best) < TIE
     ]
     return refined(search, min(rivals, key=search.score)) if rivals else best
 
@@ -102,7 +100,7 @@ def alternatives_of(search: Search, best: FittedModel) -> dict[str, tuple[str, .
         return {}
     for key, misfit in search.misfits.items():
         gone, come = mine - key, key - mine
-        if len(gone) == len(come) == 1 and misfit - reference < ALTERNATIVE and not guards_among(come):
+        if len(gone) == len(come) == 1 and misfit - reference < ALTERNATIVE and not come & search.guards:
             found.setdefault(next(iter(gone)), []).append((misfit - reference, next(iter(come))))
     return {name: tuple(other for _, other in sorted(entries)[:2]) for name, entries in found.items()}
 
@@ -125,7 +123,7 @@ def judge(
                 "the declared model explains the fitted records but not the held-out ones: fit them together, they show what the first do not"
             )
         return (Verdict.UNEXPLAINED if warnings else Verdict.CONSISTENT), warnings
-    guards = guards_among(best.names)
+    guards = best.guards
     if guards:
         return Verdict.UNEXPLAINED, [f"what is missing behaves like {', '.join(guards)}, which is no effect of the library", *warnings]
     if warnings:
@@ -140,7 +138,7 @@ def judge(
     return Verdict.TRACED, warnings
 
 
-def _beyond_belief(fitted: FittedModel, effect: Effect) -> list[str]:
+def _beyond_belief(fitted: FittedModel, effect: Traceable) -> list[str]:
     return implausible(effect, quantities(fitted, effect))
 
 
@@ -156,7 +154,7 @@ def _near(search: Search, best: FittedModel, within: float, most: int) -> list[F
         if key != frozenset(best.names)
         and len(fitted.effects) == len(best.effects)
         and fitted.criterion - best.criterion < within
-        and not guards_among(key)
+        and not key & search.guards
     ]
     return sorted(others, key=lambda fitted: fitted.criterion)[:most]
 
@@ -172,16 +170,16 @@ def _ambiguous(search: Search, best: FittedModel) -> bool:
         total - reference < AMBIGUOUS
         and len(key) == len(mine)
         and len(key - mine) == 1
-        and not guards_among(key)
-        and not _one_sensor(mine - key, key - mine)
+        and not key & search.guards
+        and not _one_sensor(best, mine - key, key - mine)
         for key, total in search.totals.items()
         if key != mine
     )
 
 
-def _one_sensor(gone: frozenset[str], come: frozenset[str]) -> bool:
+def _one_sensor(best: FittedModel, gone: frozenset[str], come: frozenset[str]) -> bool:
     """Whether two names are the lag and the delay of one sensor: one late sensor, described twice."""
-    return any(set(same_sensor_twins(name)) & come for name in gone)
+    return any(come.intersection(effect.traits.twins) for effect in best.effects if effect.name in gone)
 
 
 def _improved(search: Search, root: FittedModel, best: FittedModel, before: HeldOut, after: HeldOut) -> bool:

@@ -10,6 +10,7 @@ from ident.statistics.information import inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from sim.declaration.effect import Effect, full_name
+from sim.declaration.proposal import Traceable
 
 CLEARLY = 4.0  # sigmas by which an effect of its own stands out in a record
 
@@ -48,9 +49,9 @@ def quantities_with(fitted: FittedModel, effect: Effect, covariance: np.ndarray)
     return out
 
 
-def implausible(effect: Effect, found: Mapping[str, Quantity]) -> list[str]:
+def implausible(effect: Traceable, found: Mapping[str, Quantity]) -> list[str]:
     """Parameters of an effect that lie outside what is believed of them by more than twice their sigma."""
-    ranges = getattr(effect, "plausible", {})
+    ranges = effect.traits.plausible
     return [name for name, q in found.items() if name in ranges and not ranges[name][0] - 2.0 * q.std <= q.value <= ranges[name][1] + 2.0 * q.std]
 
 

@@ -15,6 +15,7 @@ from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 AGREE = 3.0  # corrected sigmas that two records may differ by
@@ -39,7 +40,7 @@ class Flight:
 
     def fit(
         self,
-        effects: Sequence[Effect],
+        effects: Sequence[Traceable],
         which: Sequence[int],
         start: Values | None,
         added: Mapping[str, float] | None = None,

@@ -95,7 +95,7 @@ def _candidate(item: CrossValidation, *, chosen: bool) -> Candidate:
     names = item.fitted.names
     p_value = float(chdtrc(item.finding.parameters, max(2.0 * item.gain, 0.0)))
     found = own_quantities(item.fitted, item.effect)
-    plausible = getattr(item.effect, "plausible", {})
+    plausible = item.effect.traits.plausible
     believed = all(plausible[name][0] <= q.value <= plausible[name][1] for name, q in found.items() if name in plausible)
     why = "stands, but another does better" if item.stands and not chosen else item.why
     return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)

@@ -12,10 +12,11 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, 
 from ident.tracing.candidate_model.quantities import _quantities_by_record, _stands_out, quantities
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, same_sensor_twins, screen
+from ident.tracing.screening.score_test import COLLINEAR, Finding, collinear, screen
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, NoiseEffect, full_name
+from sim.declaration.proposal import Traceable
 
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s
 WORTH = 1e-2  # p-value of the innovations being white below which process noise is offered
@@ -135,11 +136,11 @@ def near_absence(effect: Effect, start: Mapping[str, float]) -> dict[str, float]
     return {name: value if np.isfinite(value) else start[name] for name, value in near.items()}
 
 
-def _placed_better(search: Search, child: FittedModel, effect: Effect) -> FittedModel:
+def _placed_better(search: Search, child: FittedModel, effect: Traceable) -> FittedModel:
     """An event moved a little to both sides: its time has local optima where the motion has died out."""
     if not is_event(effect):
         return child
-    name = full_name(effect, effect.onset)  # type: ignore[attr-defined]
+    name = full_name(effect, effect.traits.onset)
     values = child.values
     at = values.own[0].get(name, values.shared.get(name))
     if at is None:
@@ -162,9 +163,9 @@ def _from_child(search: Search, fitted: FittedModel, child: FittedModel) -> Fitt
     return again
 
 
-def _present(fitted: FittedModel, effect: Effect) -> bool:
+def _present(fitted: FittedModel, effect: Traceable) -> bool:
     """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
-    onset = getattr(effect, "onset", "")
+    onset = effect.traits.onset
     for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
         if inside and _stands_out(effect, found):
@@ -176,9 +177,9 @@ def _price(search: Search, fitted: FittedModel, finding: Finding) -> float:
     return search.settings.accept + finding.parameters * float(np.log(fitted.fit.counts.sum()))
 
 
-def _excluded(fitted: FittedModel, effect: Effect) -> bool:
+def _excluded(fitted: FittedModel, effect: Traceable) -> bool:
     """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
-    return any(twin in fitted.names for twin in same_sensor_twins(effect.name))
+    return any(twin in fitted.names for twin in effect.traits.twins)
 
 
 def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, gain: float, others: tuple[str, ...]) -> Candidate:
@@ -192,7 +193,7 @@ def _candidate(number: int, fitted: FittedModel, finding: Finding, child: Fitted
         }
     else:
         found = quantities(child, effect)
-    plausible = getattr(effect, "plausible", {})
+    plausible = effect.traits.plausible
     believed = all(plausible[name][0] <= quantity.value <= plausible[name][1] for name, quantity in found.items() if name in plausible)
     p_value = float(chdtrc(finding.parameters, max(2.0 * gain, 0.0)))
     return Candidate(number, fitted.names, effect.name, float(gain), p_value, child is not None, believed, found, None, others)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, Values, fit_set, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, Values, fit_set
 from ident.tracing.selection.backward import GROSSLY, freer_form
 from ident.tracing.selection.criterion import is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
@@ -69,7 +69,7 @@ def _best_found(search: Search) -> FittedModel:
     best = min(search.fitted_models.values(), key=search.score)
     if is_white(best, search.settings.white):
         return best
-    white = [fitted for fitted in search.fitted_models.values() if is_white(fitted, search.settings.white) and not guards_among(fitted.names)]
+    white = [fitted for fitted in search.fitted_models.values() if is_white(fitted, search.settings.white) and not fitted.guards]
     return min(white, key=search.score, default=best)
 
 

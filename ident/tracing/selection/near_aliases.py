@@ -7,10 +7,10 @@ them has to be put to the data that were not fitted.
 from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import same_sensor_twins, screen
+from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.search import Search
 from sim.declaration.effect import Effect, NoiseEffect
@@ -61,9 +61,9 @@ def _alike(search: Search, best: FittedModel, effect: Effect) -> set[str]:
         elif effect.name in seen.collinear_with and set(seen.within) <= rest:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in search.fitted_models}
-    candidates = {c.name for c in search.candidates if not isinstance(c, NoiseEffect)}
-    twins = {name for other in rest for name in same_sensor_twins(other)}
-    return (names & candidates) - rest - known - twins - set(guards_among(names)) - {effect.name}
+    candidates = {c.name for c in search.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)}
+    twins = {name for other in best.effects if other.name in rest for name in other.traits.twins}
+    return (names & candidates) - rest - known - twins - {effect.name}
 
 
 def _without(search: Search, best: FittedModel, effect: Effect) -> FittedModel | None:

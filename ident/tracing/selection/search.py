@@ -13,8 +13,8 @@ from ident.tracing.diagnosis import Candidate, Step, Witness, silent
 from ident.tracing.selection.criterion import few_samples, unevenness
 from ident.tracing.settings import TraceSettings
 from ident.whole_record.layout import FitSettings
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 FORCED = 4.0  # a fit with process noise costs as much as so many without
@@ -33,7 +33,7 @@ class Search:
 
     records: Sequence[Record]
     model: Model
-    candidates: Sequence[Effect]
+    candidates: Sequence[Traceable]
     outputs: Sequence[str]
     settings: TraceSettings
     masks: Sequence[np.ndarray]
@@ -50,7 +50,7 @@ class Search:
     spent: float = 0.0
 
     def fit(
-        self, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+        self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
     ) -> FittedModel | None:
         """Fit a set from another fitted model's values; roughly while searching, to the end for what is kept."""
         settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
@@ -60,6 +60,11 @@ class Search:
             work = (fitted.fit.iterations + 2) * len(fitted.fit.theta) / UNIT * self._length
             self.spent += work * FORCED if has_process_noise(fitted.system) else work
         return fitted
+
+    @property
+    def guards(self) -> frozenset[str]:
+        """Names of the candidates that compete and can never be claimed."""
+        return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
 
     @property
     def roughly(self) -> FitSettings:

@@ -31,7 +31,7 @@ from ident.tracing.screening.score_test import screen
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import Prior, lay_out
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 LITTLE = 0.05  # of the best candidate's gain
@@ -129,7 +129,7 @@ def _fit_other(
 
 def _fit_set(
     fitted: FittedModel,
-    effects: Sequence[Effect],
+    effects: Sequence[Traceable],
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     shared: Mapping[str, float],

@@ -19,10 +19,11 @@ from ident.tracing.selection.search import Search
 from ident.tracing.validation.held_out import HeldOut, held_out
 from ident.tracing.verdict import judge
 from ident.whole_record.layout import FitSettings, lay_out
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.library import find_effect, guards_for
+from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
@@ -32,10 +33,10 @@ from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, search_of, with_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
-FEW: tuple[Effect, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
+FEW: tuple[Traceable, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
 
 
-def found_by(records: Sequence[Record], candidates: Sequence[Effect] = FEW) -> tuple[Search, FittedModel, FittedModel]:
+def found_by(records: Sequence[Record], candidates: Sequence[Traceable] = FEW) -> tuple[Search, FittedModel, FittedModel]:
     """A search, its root and the set it ends with."""
     search = search_of(records, candidates)
     root = fit_of(search)
@@ -80,7 +81,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
 def test_added_states_begin_at_rest() -> None:
     search = search_of([planted()])
     root = fit_of(search)
-    _, system = compiled_with(declared(), [find_effect("elastic-mode", ShortPeriod())], OUTPUTS)
+    _, system = compiled_with(declared(), [ElasticMode()], OUTPUTS)
     layout = lay_out(search.records, system, FitSettings(max_step=0.02))
     _, guesses = carried(layout, root.values, {})
     assert guesses is not None
@@ -239,7 +240,7 @@ NOTHING = HeldOut(None, None)
 
 
 def judged(
-    names: Sequence[Effect],
+    names: Sequence[Traceable],
     claims: Sequence[Claim] = (),
     tests: Sequence[ResidualTest] = (FINE,),
 ) -> tuple[Verdict, list[str]]:
