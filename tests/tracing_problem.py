@@ -11,8 +11,8 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Channel, Record
 from tests.bases import Flight, rigid_flight, rigid_model
 from tests.rigid_problem import noisy
@@ -34,7 +34,7 @@ def doublets(duration: float = 10.0, rate: float = 50.0, size: float = 0.06) -> 
 
 
 def planted(
-    effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
+    effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1, *, flight: Flight | None = None, scale: float = 1.0
 ) -> Record:
     """A record of the rigid aircraft with effects at given values (full names)."""
     model = rigid_model().with_effects(*effects).with_values(values or {})
@@ -42,7 +42,7 @@ def planted(
 
 
 def problem_of(
-    records: Sequence[Record], candidates: Sequence[Effect] = (), settings: TraceSettings = SETTINGS, model: Model | None = None
+    records: Sequence[Record], candidates: Sequence[Traceable] = (), settings: TraceSettings = SETTINGS, model: Model | None = None
 ) -> TraceProblem:
     """What a search works on, every measured sample in it."""
     outputs = [name for name in OUTPUTS if any(name in record.output_names for record in records)]
@@ -50,7 +50,7 @@ def problem_of(
 
 
 def fit_of(
-    problem: TraceProblem, effects: Sequence[Effect] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None
+    problem: TraceProblem, effects: Sequence[Traceable] = (), start: FittedModel | None = None, added: Mapping[str, float] | None = None
 ) -> FittedModel:
     """A fit that has to work."""
     fitted = problem.fit(effects, start, added)

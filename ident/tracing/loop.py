@@ -24,19 +24,17 @@ from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
 from ident.tracing.verdict import Judgement, judge, no_better, not_noise, residual_tests
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
 from sim.record import Record
-
-SPIKES = "sensor-spikes"  # claimed by the loop itself, from samples that no model explains
 
 
 def diagnose(
     records: Sequence[Record],
     model: Model,
-    candidates: Sequence[Effect],
-    guards: Sequence[Effect],
+    candidates: Sequence[Traceable],
+    guards: Sequence[Traceable],
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
     progress: Callable[[str, float], None] = untold,
@@ -138,7 +136,7 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
     """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
     if not validation:
         return HeldOutData()
-    records = [mended_inputs(record, [claim.name for claim in declared.spikes]) for record in validation]
+    records = [mended_inputs(record, [claim.name.partition(":")[2] for claim in declared.spikes]) for record in validation]
     first = held_out(declared.root, validation, None, informed=False)
     masks = held_out_masks(first, records, declared.ledger.problem.outputs)
     before = held_out(declared.root, validation, masks, informed=False)
@@ -186,31 +184,30 @@ def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[L
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
     """Where the search explains nothing: hints at most, unless effects stand although what remains is not noise."""
     ledger, partial = found.ledger, found.partial
-    spikes = [claim for claim in judgement.claims if claim.name.startswith(SPIKES)]
     hints = [replace(claim, claimed=False) for claim in judgement.claims]
     if no_better(found.held.declared, judgement.out):
         # What does not help on data that were not fitted is not even a hint.
-        hints = [claim for claim in hints if claim.name.startswith(SPIKES)]
+        hints = [replace(spike, claimed=False) for spike in found.spikes]
         judgement = replace(judgement, best=found.root, out=found.held.declared)
     judgement = replace(judgement, claims=tuple(hints))
     if not found.asked:
         ledger, partial = replicating(ledger, found.root, found.held)
     if partial is None:
         return ledger, judgement
-    return judged_again(ledger, found, partial, spikes)
+    return judged_again(ledger, found, partial)
 
 
-def judged_again(ledger: Ledger, found: Found, partial: Partial, spikes: Sequence[Claim]) -> tuple[Ledger, Judgement]:
+def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:
     """The verdict on effects that replicate: with a further one, they may leave noise after all."""
     problem, held = ledger.problem, found.held
     if not hopeless(ledger, partial.fitted):
         ledger, further = extended(ledger, found.root, partial.fitted)
         ledger, choice = choose_among_near(ledger, further, held)
-        again = judge(problem, found.root, choice, spikes, held)
+        again = judge(problem, found.root, choice, found.spikes, held)
         if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
             return ledger, again
     tests = residual_tests(partial.fitted, HeldOut(None, None), held)
-    claims, cautions = (*partial.claims, *(replace(spike, claimed=False) for spike in spikes)), not_noise(tests.all, problem.settings.white)
+    claims, cautions = (*partial.claims, *(replace(spike, claimed=False) for spike in found.spikes)), not_noise(tests.all, problem.settings.white)
     return ledger, Judgement(Verdict.PARTIAL, partial.fitted, partial.out, claims, tests, tuple(cautions))
 
 

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
-from ident.tracing.screening.score_test import same_sensor_twins
 from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
@@ -35,7 +34,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     """Weigh the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part."""
     settings = ledger.problem.settings
     ledger, best = _without_guard(ledger, best)
-    explained = is_white(best, settings.white) and not guards_among(best.names)
+    explained = is_white(best, settings.white) and not best.guards
     out = predicted_by(best, held, informed=explained)
     if not best.effects or not explained:
         # What training itself does not explain, no held-out record will.
@@ -57,7 +56,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     return ledger, Choice(chosen, fits, totals, misfits)
 
 
-def alternatives_of(choice: Choice) -> dict[str, tuple[str, ...]]:
+def alternatives_of(choice: Choice, guards: frozenset[str]) -> dict[str, tuple[str, ...]]:
     """For each effect of a set the names that could stand in its place, two at most, the nearest first.
 
     They explain the data as well, however many parameters they need for it: that they are dearer is a reason to name the other,
@@ -70,21 +69,21 @@ def alternatives_of(choice: Choice) -> dict[str, tuple[str, ...]]:
         return {}
     for key, misfit in choice.misfits.items():
         gone, come = mine - key, key - mine
-        if len(gone) == len(come) == 1 and misfit - reference < thresholds.ALTERNATIVE and not guards_among(come):
+        if len(gone) == len(come) == 1 and misfit - reference < thresholds.ALTERNATIVE and not come & guards:
             found.setdefault(next(iter(gone)), []).append((misfit - reference, next(iter(come))))
     return {name: tuple(other for _, other in sorted(entries)[: thresholds.ALTERNATIVES_NAMED]) for name, entries in found.items()}
 
 
-def is_ambiguous(choice: Choice, within: float) -> bool:
-    """Whether another set of one other effect lies ``within`` so much of the one chosen, in units of twice the log likelihood."""
+def is_ambiguous(choice: Choice, guards: frozenset[str]) -> bool:
+    """Whether a set of one other effect explains all data that take part as well as the one chosen."""
     mine = frozenset(choice.best.names)
     reference = choice.totals.get(mine, 0.0)
     return any(
-        total - reference < within
+        total - reference < thresholds.AMBIGUOUS
         and len(key) == len(mine)
         and len(key - mine) == 1
-        and not guards_among(key)
-        and not _one_sensor(mine - key, key - mine)
+        and not key & guards
+        and not _one_sensor(choice.best, mine - key, key - mine)
         for key, total in choice.totals.items()
         if key != mine
     )
@@ -92,12 +91,14 @@ def is_ambiguous(choice: Choice, within: float) -> bool:
 
 def _without_guard(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
     """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
-    if not guards_among(best.names):
+    if not best.guards:
         return ledger, best
     rivals = [
         fitted
         for key, fitted in ledger.models.items()
-        if len(fitted.effects) == len(best.effects) and not guards_among(key) and ledger.scores[key] - ledger.score(best) < thresholds.GUARD_TIE
+        if len(fitted.effects) == len(best.effects)
+        and not key & ledger.problem.guards
+        and ledger.scores[key] - ledger.score(best) < thresholds.GUARD_TIE
     ]
     return refined(ledger, min(rivals, key=ledger.score)) if rivals else (ledger, best)
 
@@ -126,7 +127,7 @@ def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[F
         if key != frozenset(best.names)
         and len(fitted.effects) == len(best.effects)
         and fitted.criterion - best.criterion < within
-        and not guards_among(key)
+        and not key & ledger.problem.guards
     ]
     return sorted(others, key=lambda fitted: fitted.criterion)[:most]
 
@@ -135,6 +136,6 @@ def _cost(out: HeldOut, held: HeldOutData) -> float:
     return 2.0 * out.informed.cost if held.choosing and out.informed is not None else 0.0
 
 
-def _one_sensor(gone: Key, come: Key) -> bool:
+def _one_sensor(best: FittedModel, gone: Key, come: Key) -> bool:
     """Whether two names are the lag and the delay of one sensor: one late sensor, described twice."""
-    return any(set(same_sensor_twins(name)) & come for name in gone)
+    return any(come.intersection(effect.traits.twins) for effect in best.effects if effect.name in gone)

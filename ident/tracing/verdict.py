@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Caution, Claim, Concern, Verdict
@@ -45,7 +44,7 @@ class Judgement:
 def judge(problem: TraceProblem, root: FittedModel, choice: Choice, spikes: Sequence[Claim], held: HeldOutData) -> Judgement:
     """Judge a set of effects beside the declared model ``root``; ``spikes`` are claimed with it."""
     best, tests = choice.best, residual_tests(choice.best, choice.out, held)
-    claims = (*spikes, *claims_of(choice))
+    claims = (*spikes, *claims_of(problem, choice))
     verdict, cautions = verdict_on(problem, root, choice, claims, tests, held)
     return Judgement(verdict, best, choice.out, claims, tests, tuple(cautions))
 
@@ -61,14 +60,14 @@ def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:
     return [Caution(Concern.NOT_NOISE, f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})", test) for test in tests if test.p_value < least]
 
 
-def claims_of(choice: Choice) -> list[Claim]:
+def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
     """The effects of a set, with what could take the place of each; hints where a guard is among them."""
-    best, others = choice.best, alternatives_of(choice)
-    guarded = bool(guards_among(best.names))
+    best, others = choice.best, alternatives_of(choice, problem.guards)
+    guarded = bool(best.guards)
     return [
         Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)
         for effect in best.effects
-        if not guards_among([effect.name])
+        if not effect.traits.guard
     ]
 
 
@@ -88,7 +87,7 @@ def verdict_on(
             told = "the declared model explains the fitted records but not the others: fit them together, they show what the first do not"
             left.append(Caution(Concern.DIFFERS_HELD_OUT, told))
         return (Verdict.UNEXPLAINED if left else Verdict.CONSISTENT), left
-    guards = guards_among(best.names)
+    guards = best.guards
     if guards:
         told = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
         return Verdict.UNEXPLAINED, [Caution(Concern.GUARD, told), *left]
@@ -101,7 +100,7 @@ def verdict_on(
         return Verdict.UNEXPLAINED, [Caution(Concern.BEYOND_BELIEF, f"what fits best is {' and '.join(odd)}: the cause is another")]
     if best.effects and not _improved(root, choice, held):
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, "the effects found do not lower the error on data that were not fitted")]
-    return (Verdict.AMBIGUOUS if is_ambiguous(choice, thresholds.AMBIGUOUS) else Verdict.TRACED), []
+    return (Verdict.AMBIGUOUS if is_ambiguous(choice, problem.guards) else Verdict.TRACED), []
 
 
 def _improved(root: FittedModel, choice: Choice, held: HeldOutData) -> bool:

@@ -105,5 +105,7 @@ def _range(bounds: tuple[float, float]) -> str:
 
 def _believed(effect: Effect, name: str) -> str:
     """The range within which a value is believed without asking."""
-    ranges = getattr(effect, "plausible", {})
+    from sim.declaration.proposal import Traceable
+
+    ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
     return f"; plausible {ranges[name][0]:g} to {ranges[name][1]:g}" if name in ranges else ""

@@ -7,31 +7,30 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
-from scenarios.preparation.plan import SPEED
-from sim.declaration.effect import Effect
-from sim.declaration.model import Model
+from sim.declaration.effect import Signal
+from sim.declaration.model import Containing, Model
+from sim.declaration.proposal import Traceable
+from sim.declaration.traits import Traits
 from sim.errors import DeclarationError, FlightidError
 
-# Of the low-order equivalent system they are part of the model itself.
-_OWN_OF_LOES = ("input-delay", "actuator-lag")
-_ATTRIBUTES = ("name", "station", "parameters", "absent", "regularity", "aliases", "explanation")
-_TRACED = ("onset", "per_record", "plausible", "probes")
+_ATTRIBUTES = ("name", "station", "parameters", "absent", "regularity", "aliases", "explanation", "probes")
+_FORMERLY = ("onset", "per_record", "plausible")  # stood with the effect itself before ``traits`` did
 
 
-def candidates_for(model: Model, own: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceable, ...]:
     """The library's effects that can act on a model, are not in it and tell a search where to look, then the user's ``own``."""
-    from sim.declaration.proposal import Traceable
     from sim.effects.library import effects_for
 
-    taken = {effect.name for effect in model.effects} | ({*_OWN_OF_LOES} if model.equations.name == "loes" else set())
-    if any(signal.name == SPEED for signal in model.equations.inputs):
-        taken.add("speed-variation")
-    found = effects_for(model.equations)
-    return (*(effect for effect in found if effect.name not in taken and isinstance(effect, Traceable)), *own)
+    equations = model.equations
+    taken = {effect.name for effect in model.effects} | {*(equations.contains if isinstance(equations, Containing) else ())}
+    recorded = {signal.name for signal in equations.inputs}
+    found = (effect for effect in effects_for(equations) if effect.name not in taken and isinstance(effect, Traceable))
+    return (*(effect for effect in found if effect.traits.recorded_as not in recorded), *own)
 
 
-def read_effects(path: str | Path, model: Model) -> tuple[Effect, ...]:
+def read_effects(path: str | Path, model: Model) -> tuple[Traceable, ...]:
     """The effects of a user's Python file that can act on a model: its ``EFFECTS``, else its ``VARIANTS``.
 
     The file is run, once, as any Python program is: only a file that the user names comes here.
@@ -49,15 +48,13 @@ def read_effects(path: str | Path, model: Model) -> tuple[Effect, ...]:
     if not isinstance(effects, tuple | list) or not effects:
         raise DeclarationError("it offers no effect", where=where, remedy="define EFFECTS, a tuple of effects, at its top level")
     known = {effect.name for effect in library()}
-    names: list[str] = []
     for effect in effects:
-        shown = _checked(effect, where)
-        if shown in known:
-            raise DeclarationError(f"effect {shown}: the library has one of this name", where=where, remedy="give yours another name")
-        names.append(shown)
+        _check(effect, where)
+        if effect.name in known:
+            raise DeclarationError(f"effect {effect.name}: the library has one of this name", where=where, remedy="give yours another name")
     able = tuple(effect for effect in effects if applies(effect, model.equations))
     if not able:
-        named = ", ".join(dict.fromkeys(names))
+        named = ", ".join(dict.fromkeys(effect.name for effect in effects))
         e = model.equations
         remedy = f"its inputs are {_listed(e.inputs)}, its outputs {_listed(e.outputs)}, its ports {_listed(e.ports)}"
         raise DeclarationError(f"no effect of it ({named}) can act on the {model.equations.name} model", where=where, remedy=remedy)
@@ -68,15 +65,28 @@ def read_effects(path: str | Path, model: Model) -> tuple[Effect, ...]:
     return able
 
 
-def _checked(effect: object, where: str) -> str:
-    name = getattr(effect, "name", None)
-    shown = name if isinstance(name, str) and name else type(effect).__name__
-    missing = [attribute for attribute in (*_ATTRIBUTES, *_TRACED) if not hasattr(effect, attribute)]
+def _check(effect: Any, where: str) -> None:
+    """Refuse what is no effect; an effect of the former form is given its traits."""
     if isinstance(effect, type):
         raise DeclarationError(f"{effect.__name__} is a class", where=where, remedy=f"put an instance into EFFECTS: {effect.__name__}(...)")
+    wanted = _ATTRIBUTES if hasattr(effect, "traits") else (*_ATTRIBUTES, *_FORMERLY)
+    missing = [attribute for attribute in wanted if not hasattr(effect, attribute)]
+    if missing == [*_FORMERLY]:
+        missing = ["traits"]
     if missing:
+        shown = effect.name if hasattr(effect, "name") and isinstance(effect.name, str) and effect.name else type(effect).__name__
         raise DeclarationError(f"effect {shown} lacks {', '.join(missing)}", where=where, remedy="add it as docs/how-to/own-effect.md shows")
-    return shown
+    if hasattr(effect, "traits") and not isinstance(effect.traits, Traits):
+        remedy = "make them with sim.declaration.traits.Traits"
+        raise DeclarationError(f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}", where=where, remedy=remedy)
+    if not hasattr(effect, "traits"):
+        # On the class, so that copies of the effect have it, too.
+        type(effect).traits = property(_former_traits)
+
+
+def _former_traits(effect: Any) -> Traits:
+    sentences = (str(effect.sentence),) if hasattr(effect, "sentence") else ()
+    return Traits(sentences, plausible=effect.plausible, onset=effect.onset, per_record=bool(effect.per_record))
 
 
 def _run(path: Path) -> ModuleType:
@@ -116,5 +126,5 @@ def _line(error: BaseException, path: Path) -> str:
     return found
 
 
-def _listed(signals: Sequence[object]) -> str:
-    return ", ".join(getattr(signal, "name", "?") for signal in signals) or "none"
+def _listed(signals: Sequence[Signal]) -> str:
+    return ", ".join(signal.name for signal in signals) or "none"

@@ -17,8 +17,9 @@ from scenarios.files.channel_names import STICK
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import Plan
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model, Noise
+from sim.declaration.proposal import Traceable
+from sim.declaration.traits import Traits
 from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
@@ -37,8 +38,8 @@ class Trace(Protocol):
         self,
         records: Sequence[Record],
         model: Model,
-        candidates: Sequence[Effect],
-        guards: Sequence[Effect],
+        candidates: Sequence[Traceable],
+        guards: Sequence[Traceable],
         validation: Sequence[Record],
         settings: TraceSettings,
         progress: Callable[[str, float], None],
@@ -69,8 +70,8 @@ class Tracing:
     """A diagnosis with what it was made from.
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
-    record was cut, None where whole records were predicted. ``explanations`` by effect name; ``sentences`` likewise, for
-    effects that bring one of their own. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
+    record was cut, None where whole records were predicted. ``explanations`` by effect name; ``own`` likewise: the traits of
+    effects that are not the library's. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     """
 
@@ -82,7 +83,7 @@ class Tracing:
     inputs: Inputs
     held_out_from: float | None = None
     explanations: dict[str, str] = field(default_factory=dict)
-    sentences: dict[str, str] = field(default_factory=dict)
+    own: dict[str, Traits] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
@@ -160,7 +161,7 @@ def diagnose_files(
         Inputs(_named(files[0]), _named(files[1]), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
         held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
-        {effect.name: str(getattr(effect, "sentence", "")) for effect in own if hasattr(effect, "sentence")},
+        {effect.name: effect.traits for effect in own},
         notes,
         ready.doubts,
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.

@@ -18,6 +18,7 @@ from ident.filters.transition import Exponential, Taylor
 from scenarios.studies.declaration import Estimation, Start
 from scenarios.studies.flying import STEPS
 from sim.declaration.compile import compile_model
+from sim.declaration.effect import DynamicsEffect
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System
@@ -63,7 +64,7 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     free = model.parameters.only_free(estimation.start).with_prior({name: start.std for name, start in estimation.start.items()})
     states = {signal.name: signal for signal in model.equations.states}
     for effect in model.effects:
-        states |= {signal.name: signal for signal in getattr(effect, "states", ())}
+        states |= {signal.name: signal for signal in effect.states} if isinstance(effect, DynamicsEffect) else {}
     for name in estimation.initial:
         if name not in states:
             raise DeclarationError(f"there is no state {name!r}", where=f"{place}, key initial", remedy=f"its states are {', '.join(states)}")
@@ -169,7 +170,7 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
     known = {item.name: item for item in model.initial}
     items = []
     for effect in model.effects:
-        for signal in getattr(effect, "states", ()):
+        for signal in effect.states if isinstance(effect, DynamicsEffect) else ():
             if signal.name in initial:
                 known[signal.name] = replace(model.initial.items[0], name=signal.name, unit=signal.unit, source="declared")
     for name, item in known.items():

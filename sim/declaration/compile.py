@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sim.declaration.effect import (
+    Commuting,
     DynamicsEffect,
     Effect,
     InputEffect,
@@ -200,7 +201,7 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
             moved.append(effect)
             continue
         free = [item.name for item in effect.parameters if model.parameters[full_name(effect, item.name)].free]
-        behind = any(other.signal == effect.signal for other in moved) and not getattr(effect, "commutes", False)
+        behind = any(other.signal == effect.signal for other in moved) and not (isinstance(effect, Commuting) and effect.commutes)
         if not isinstance(effect, InputEffect) or free or behind:
             raise ModelError(
                 f"effect {effect.name} has no state form and cannot run on line",

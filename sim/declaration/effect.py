@@ -151,12 +151,76 @@ class NoiseEffect(Effect, Protocol):
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]: ...
 
 
+@runtime_checkable
+class OnSignal(Protocol):
+    """Acts on the input ``signal``: on a vehicle without it the effect is not offered."""
+
+    @property
+    def signal(self) -> str: ...
+
+
+@runtime_checkable
+class OnChannel(Protocol):
+    """Acts on the output ``channel``: on a vehicle without it the effect is not offered."""
+
+    @property
+    def channel(self) -> str: ...
+
+
+@runtime_checkable
+class NeedsPorts(Protocol):
+    """Adds to ports of the equations, which a vehicle must have."""
+
+    @property
+    def needs(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
+class NeedsConstants(Protocol):
+    """Reads constants of the equations, or is written for the equations that have them."""
+
+    @property
+    def needs_constants(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
+class Ranked(Protocol):
+    """Has a place among the effects of its station, see ``in_order``."""
+
+    @property
+    def rank(self) -> int: ...
+
+
+@runtime_checkable
+class Commuting(Protocol):
+    """An input effect that only shifts the input in time where ``commutes``."""
+
+    @property
+    def commutes(self) -> bool: ...
+
+
+@runtime_checkable
+class Renaming(Protocol):
+    """Gives the full names of its parameters itself."""
+
+    def rename(self, local: str) -> str: ...
+
+
+def ports_needed(effect: object) -> Sequence[str]:
+    """Names of the ports that an effect adds to; none where it does not say."""
+    return effect.needs if isinstance(effect, NeedsPorts) else ()
+
+
+def constants_needed(effect: object) -> Sequence[str]:
+    """Names of the constants that an effect wants of the equations; none where it does not say."""
+    return effect.needs_constants if isinstance(effect, NeedsConstants) else ()
+
+
 def in_order(effects: Sequence[Any]) -> list[Any]:
     """Effects of one station as the signal meets them: by ``rank``, 0 where an effect has none; equals as they were added."""
-    return sorted(effects, key=lambda effect: getattr(effect, "rank", 0))
+    return sorted(effects, key=lambda effect: effect.rank if isinstance(effect, Ranked) else 0)
 
 
 def full_name(effect: Effect, local: str) -> str:
     """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2 is ``CL_eta2``."""
-    rename = getattr(effect, "rename", None)
-    return rename(local) if rename is not None else f"{effect.name}.{local}"
+    return effect.rename(local) if isinstance(effect, Renaming) else f"{effect.name}.{local}"

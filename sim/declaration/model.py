@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
-from sim.declaration.effect import Effect, Signal, full_name
+from sim.declaration.effect import Effect, Signal, constants_needed, full_name, ports_needed
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
 
@@ -37,6 +37,14 @@ class Equations(Protocol):
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]: ...
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]: ...
     def measurements(self, s: Any, p: Any) -> Sequence[Any]: ...
+
+
+@runtime_checkable
+class Containing(Protocol):
+    """Equations that hold some effects of the library in themselves: ``contains`` names them, and a search must not offer them."""
+
+    @property
+    def contains(self) -> tuple[str, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -89,14 +97,14 @@ class Model:
                 raise ModelError("parameter is missing", where=f"model {self.equations.name}, {name}", remedy="add it to the parameter set")
         for effect in self.effects:
             ports = {port.name for port in self.equations.ports}
-            for needed in getattr(effect, "needs", ()):
+            for needed in ports_needed(effect):
                 if needed not in ports:
                     raise ModelError(
                         f"effect {effect.name} needs the port {needed!r}",
                         where=f"model {self.equations.name}",
                         remedy=f"its ports are {', '.join(sorted(ports)) or 'none'}",
                     )
-            for needed in getattr(effect, "needs_constants", ()):
+            for needed in constants_needed(effect):
                 if needed not in self.equations.parameter_names:
                     raise ModelError(
                         f"effect {effect.name} needs the constant {needed!r}",

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 from sim.declaration.effect import Effect
+from sim.declaration.traits import Traits
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -72,22 +73,10 @@ class Probe:
 
 @runtime_checkable
 class Traceable(Effect, Protocol):
-    """An effect that a search can propose.
-
-    Attributes
-    ----------
-    onset : local name of the time from which it acts, a position that is searched for over the record; empty where there is none.
-    per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for
-        each record, and it needs not act on all of them.
-    plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
-    """
+    """An effect that a search can propose: its ``traits`` say how, ``probes`` where to look for it in a record."""
 
     @property
-    def onset(self) -> str: ...
-    @property
-    def per_record(self) -> bool: ...
-    @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]: ...
+    def traits(self) -> Traits: ...
     def probes(self, context: SearchContext) -> Sequence[Probe]: ...
 
 
@@ -95,17 +84,36 @@ class Traceable(Effect, Protocol):
 class Fitted(Protocol):
     """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the form for that record, under the same name."""
 
-    def fitted_to(self, context: SearchContext) -> Effect: ...
+    def fitted_to(self, context: SearchContext) -> Traceable: ...
+
+
+@runtime_checkable
+class Curve(Protocol):
+    """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records of ``fitted_to`` flew."""
+
+    @property
+    def low(self) -> float: ...
+    @property
+    def high(self) -> float: ...
+    def fitted_to(self, context: SearchContext) -> Curve: ...
 
 
 @runtime_checkable
 class Refinable(Protocol):
     """An effect with a freer form under the same name; ``finer`` gives it, its further parameters at their absent values."""
 
-    def finer(self) -> Effect: ...
+    def finer(self) -> Traceable: ...
 
 
-def fitted_to(effect: Effect, context: SearchContext) -> Effect:
+@runtime_checkable
+class Underdetermined(Protocol):
+    """A part of a vehicle whose parameters do not all leave a trace in its outputs: where ``needs_priors`` a fit takes all declared priors."""
+
+    @property
+    def needs_priors(self) -> bool: ...
+
+
+def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
     """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
     return effect.fitted_to(context) if isinstance(effect, Fitted) else effect
 

@@ -11,8 +11,10 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-from sim.declaration.effect import Effect, Station
+from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constants_needed, ports_needed
 from sim.declaration.model import Equations
+from sim.declaration.proposal import Traceable
+from sim.declaration.traits import Traits
 from sim.errors import ModelError
 
 
@@ -48,7 +50,7 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
     return tuple(effect for effect in library() if applies(effect, equations))
 
 
-def guards_for(equations: Equations) -> tuple[Effect, ...]:
+def guards_for(equations: Equations) -> tuple[Traceable, ...]:
     """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the library, found by file likewise.
 
     A search in which one of them wins has shown that something is missing and that the library does not name it.
@@ -63,14 +65,24 @@ def applies(effect: Effect, equations: Equations) -> bool:
     """Whether a vehicle has the input, the output, the ports and the constants that an effect acts on."""
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
     ports = {port.name for port in equations.ports}
-    signal, channel = getattr(effect, "signal", None), getattr(effect, "channel", None)
-    ported = ports.issuperset(getattr(effect, "needs", ())) and {*equations.parameter_names}.issuperset(getattr(effect, "needs_constants", ()))
-    return (signal is None or signal in inputs) and (channel is None or channel in outputs) and ported
+    fed = not isinstance(effect, OnSignal) or effect.signal in inputs
+    read = not isinstance(effect, OnChannel) or effect.channel in outputs
+    return fed and read and ports.issuperset(ports_needed(effect)) and {*equations.parameter_names}.issuperset(constants_needed(effect))
 
 
 def effect_names() -> tuple[str, ...]:
     """Names of all effects, each once, in the order of the signal chain."""
     return tuple(dict.fromkeys(effect.name for effect in library()))
+
+
+def traits_of(name: str) -> Traits:
+    """What is known of the library's effect of that name, or of its first instance (``elastic-mode`` for ``elastic-mode#2``).
+
+    Of a name that the library lacks nothing is known.
+    """
+    effects = [effect for effect in library() if isinstance(effect, Traceable)]
+    first = [effect for effect in effects if effect.name == name.partition("#")[0]]
+    return next((effect.traits for effect in (*(effect for effect in effects if effect.name == name), *first)), Traits())
 
 
 def find_effect(name: str, equations: Equations | None = None) -> Effect:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.elementary import plus, times
@@ -62,6 +62,8 @@ class Loes:
         "delta_0",
         "nz_0",
     )
+
+    contains: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change

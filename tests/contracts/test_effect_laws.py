@@ -244,8 +244,8 @@ def test_probes_are_complete_and_within_bounds(effect: Effect, base: str) -> Non
     states = {"alpha": 0.2, "q": 0.3, "nz": 2.0}
     context = SearchContext(3.0, 9.0, 0.02, input_peak=peak, input_rate=rate, state_peak=states, residual_peaks=(9.0, 14.0), airspeed=150.0)
     items = {item.name: item for item in effect.parameters}
-    assert effect.onset in ("", *items) and set(effect.plausible) <= set(items)
-    for name, (low, high) in effect.plausible.items():
+    assert effect.traits.onset in ("", *items) and set(effect.traits.plausible) <= set(items)
+    for name, (low, high) in effect.traits.plausible.items():
         assert items[name].bounds[0] <= low <= items[name].value <= high <= items[name].bounds[1]
     for probe in effect.probes(context):
         assert set(probe.values) == set(items) and set(probe.slopes) <= {item.name for item in effect.parameters if item.free}

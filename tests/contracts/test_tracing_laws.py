@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, NoiseEffect, Regularity, full_name
+from sim.declaration.effect import NoiseEffect, Regularity, full_name
 from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
 from sim.effects.library import effects_for, guards_for, library
 from sim.vehicles.ballistic import Ballistic
@@ -44,7 +44,7 @@ CASES = [
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)
 
 
-def forms(effect: Effect, context: SearchContext) -> list[Effect]:
+def forms(effect: Traceable, context: SearchContext) -> list[Traceable]:
     """The form for a search context, and the finer one where there is one."""
     form = fitted_to(effect, context)
     return [form, form.finer()] if isinstance(form, Refinable) else [form]
@@ -56,17 +56,17 @@ def test_all_effects_but_the_modes_that_a_vehicle_declares_can_be_proposed() -> 
 
 @every_case
 @every_context
-def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, context: SearchContext) -> None:
+def test_probes_are_complete_and_within_the_bounds(effect: Traceable, base: str, context: SearchContext) -> None:
     for form in forms(effect, context):
         assert isinstance(form, Traceable)
         assert form.name == effect.name and isinstance(form, Fitted) == isinstance(effect, Fitted)
         items = {item.name: item for item in form.parameters}
-        assert set(form.plausible) <= set(items)
-        for name, (low, high) in form.plausible.items():
+        assert set(form.traits.plausible) <= set(items)
+        for name, (low, high) in form.traits.plausible.items():
             assert low < high and items[name].bounds[0] <= low and high <= items[name].bounds[1]
-        assert not form.onset or form.onset in items
+        assert not form.traits.onset or form.traits.onset in items
         if form.regularity in (Regularity.CHANGE_POINT, Regularity.OUTLIER):
-            assert form.per_record
+            assert form.traits.per_record
         probes = form.probes(context)
         if context is OCCASIONS["usual"] and form.regularity is not Regularity.OUTLIER:
             assert bool(probes) == (form.name not in INVISIBLE)
@@ -76,13 +76,13 @@ def test_probes_are_complete_and_within_the_bounds(effect: Effect, base: str, co
                 assert items[name].bounds[0] <= value <= items[name].bounds[1]
             differs = any(probe.values[name] != value for name, value in form.absent.items())
             assert differs or probe.slopes, "a whole change from absence to absence is none"
-            assert not probe.shifts or form.onset
-            if form.onset:
-                assert context.begin <= probe.values[form.onset] < context.end
+            assert not probe.shifts or form.traits.onset
+            if form.traits.onset:
+                assert context.begin <= probe.values[form.traits.onset] < context.end
 
 
 @every_case
-def test_each_signature_is_there(effect: Effect, base: str) -> None:
+def test_each_signature_is_there(effect: Traceable, base: str) -> None:
     if isinstance(effect, NoiseEffect) or effect.regularity is Regularity.OUTLIER:
         return
     model, flight = base_for(base)
@@ -118,7 +118,7 @@ def test_each_signature_is_there(effect: Effect, base: str) -> None:
 
 
 @every_case
-def test_the_finer_form_with_no_more_is_the_usual_one(effect: Effect, base: str) -> None:
+def test_the_finer_form_with_no_more_is_the_usual_one(effect: Traceable, base: str) -> None:
     if not isinstance(effect, Refinable):
         return
     model, flight = base_for(base)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,11 +15,9 @@ from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable, Underdetermined
 from sim.declaration.system import System
 from sim.record import Record
-
-GUARD = "guard:"  # names of terms that compete like effects and can never be claimed
-STRUCTURAL = "elastic-mode:"  # names of the modes that a declared flexible model has
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +60,7 @@ class FittedModel:
     parameters cost; a lower one is better. ``added`` counts parameters of the effects over all records.
     """
 
-    effects: tuple[Effect, ...]
+    effects: tuple[Traceable, ...]
     declared: Model
     model: Model
     system: System
@@ -73,6 +71,11 @@ class FittedModel:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(effect.name for effect in self.effects)
+
+    @property
+    def guards(self) -> tuple[str, ...]:
+        """Names of those of its effects that compete and can never be claimed."""
+        return tuple(effect.name for effect in self.effects if effect.traits.guard)
 
     @property
     def values(self) -> Values:
@@ -88,19 +91,14 @@ class FittedModel:
         return Values(dict(zip(layout.shared, fit.theta[:n].tolist(), strict=True)), tuple(own), tuple(states))
 
 
-def belongs_to_record(effect: Effect) -> bool:
+def belongs_to_record(effect: Traceable) -> bool:
     """Whether an effect's parameters are fitted for each record by itself."""
-    return bool(getattr(effect, "per_record", False))
+    return effect.traits.per_record
 
 
-def is_event(effect: Effect) -> bool:
+def is_event(effect: Traceable) -> bool:
     """Whether an effect's position was searched for over the record."""
-    return bool(getattr(effect, "onset", ""))
-
-
-def guards_among(names: Iterable[str]) -> list[str]:
-    """Those of some names that are a guard's."""
-    return [name for name in names if name.startswith(GUARD)]
+    return bool(effect.traits.onset)
 
 
 def free_names(effect: Effect) -> list[str]:
@@ -108,7 +106,7 @@ def free_names(effect: Effect) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
-def compiled_with(model: Model, effects: Sequence[Effect], outputs: Sequence[str]) -> tuple[Model, System]:
+def compiled_with(model: Model, effects: Sequence[Traceable], outputs: Sequence[str]) -> tuple[Model, System]:
     """The model with effects, and its System."""
     full = model.with_effects(*effects)
     return full, compile_model(full, outputs)
@@ -116,7 +114,7 @@ def compiled_with(model: Model, effects: Sequence[Effect], outputs: Sequence[str
 
 def fit_set(
     data: FitData,
-    effects: Sequence[Effect],
+    effects: Sequence[Traceable],
     settings: FitSettings,
     start: Start | None = None,
     *,
@@ -162,22 +160,31 @@ def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
     return noise_levels(fitted.fit) if fitted.fit.noise_model.names else None
 
 
-def known_beforehand(model: Model, effects: Sequence[Effect], layout: FitLayout) -> Prior | None:
+def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayout) -> Prior | None:
     """Gaussian priors that a fit without process noise needs to be determined at all; None where it needs none.
 
     Effects declare some for their parameters, which keeps what no record excites from running away. A model with
     structural modes takes all that are declared: several directions of its parameters leave no trace in alpha, q and nz.
     """
-    known = {full_name(effect, item.name): item for effect in effects for item in effect.parameters if item.free and np.isfinite(item.prior_std)}
-    if any(effect.name.startswith(STRUCTURAL) for effect in model.effects):
-        known |= {item.name: item for item in model.parameters if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")}
+    known = {
+        full_name(effect, item.name): (effect.absent.get(item.name, item.value), item.prior_std)
+        for effect in effects
+        for item in effect.parameters
+        if item.free and np.isfinite(item.prior_std)
+    }
+    if any(isinstance(effect, Underdetermined) and effect.needs_priors for effect in model.effects):
+        known |= {
+            item.name: (item.value, item.prior_std)
+            for item in model.parameters
+            if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")
+        }
     at, means, weights = [], [], []
     for position, name in enumerate(layout.names):
         item = known.get(name.partition(", record")[0])
         if item is not None:
             at.append(position)
-            means.append(0.0 if item.name.startswith("shape") else item.value)
-            weights.append(item.prior_std**-2)
+            means.append(item[0])
+            weights.append(item[1] ** -2)
     return Prior(np.array(at), np.array(means), np.diag(weights)) if at else None
 
 

@@ -11,8 +11,8 @@ from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, fit
 from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.settings import TraceSettings
 from ident.whole_record.layout import FitSettings
-from sim.declaration.effect import Effect
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 
@@ -31,12 +31,17 @@ class TraceProblem:
     records: Sequence[Record]
     masks: Sequence[np.ndarray]
     model: Model
-    candidates: Sequence[Effect]
+    candidates: Sequence[Traceable]
     outputs: Sequence[str]
     settings: TraceSettings
     predicted: Sequence[Record] = ()
     witness: Witness = silent
     progress: Callable[[str, float], None] = untold
+
+    @property
+    def guards(self) -> frozenset[str]:
+        """Names of the candidates that compete and can never be claimed."""
+        return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
 
     @property
     def data(self) -> FitData:
@@ -49,7 +54,7 @@ class TraceProblem:
         return FitSettings(max_step=2.0 * self.settings.max_step, iterations=14, tolerance=0.03, enough=0.2)
 
     def fit(
-        self, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+        self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
     ) -> FittedModel | None:
         """Fit a set from another one's values; roughly while searching, to the end for what is kept. None where no cost is finite."""
         settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)

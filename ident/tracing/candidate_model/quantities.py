@@ -10,29 +10,30 @@ from ident.statistics.information import inverse_information
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
-from sim.declaration.effect import Effect, full_name
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Traceable
 
 
-def quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
+def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
     """An effect's free parameters in a fitted model, by local name; of the record in which it stands out most where each has its own."""
     return max(_quantities_by_record(fitted, effect), key=lambda found: _sigmas(effect, found))
 
 
-def records_of(fitted: FittedModel, effect: Effect) -> tuple[int, ...]:
+def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
     """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
     each = _quantities_by_record(fitted, effect)
     seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > thresholds.CLEARLY_OFF_ABSENCE)
     return seen if 0 < len(seen) < len(each) else ()
 
 
-def _quantities_by_record(fitted: FittedModel, effect: Effect) -> list[dict[str, Quantity]]:
+def _quantities_by_record(fitted: FittedModel, effect: Traceable) -> list[dict[str, Quantity]]:
     """The same for every record; alike where the parameters are shared."""
     normal, _ = fitted.fit.normal_equations()
     covariance, _ = inverse_information(normal, fitted.fit.theta)
     return quantities_with(fitted, effect, covariance)
 
 
-def quantities_with(fitted: FittedModel, effect: Effect, covariance: np.ndarray) -> list[dict[str, Quantity]]:
+def quantities_with(fitted: FittedModel, effect: Traceable, covariance: np.ndarray) -> list[dict[str, Quantity]]:
     """An effect's parameters in each record of a fitted model, with sigmas from a covariance ``(n, n)`` of all unknowns."""
     places = {name: i for i, name in enumerate(fitted.fit.layout.names)}
     out: list[dict[str, Quantity]] = []
@@ -47,15 +48,15 @@ def quantities_with(fitted: FittedModel, effect: Effect, covariance: np.ndarray)
     return out
 
 
-def implausible(effect: Effect, found: Mapping[str, Quantity], slack: float = 2.0) -> list[str]:
+def implausible(effect: Traceable, found: Mapping[str, Quantity], slack: float = 2.0) -> list[str]:
     """Parameters of an effect that lie outside what is believed of them by more than ``slack`` times their sigma."""
-    ranges = getattr(effect, "plausible", {})
+    ranges = effect.traits.plausible
     return [name for name, q in found.items() if name in ranges and not ranges[name][0] - slack * q.std <= q.value <= ranges[name][1] + slack * q.std]
 
 
-def stands_out_somewhere(fitted: FittedModel, effect: Effect) -> bool:
+def stands_out_somewhere(fitted: FittedModel, effect: Traceable) -> bool:
     """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
-    onset = getattr(effect, "onset", "")
+    onset = effect.traits.onset
     for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
         if inside and _sigmas(effect, found) > thresholds.OFF_ABSENCE:
@@ -63,7 +64,7 @@ def stands_out_somewhere(fitted: FittedModel, effect: Effect) -> bool:
     return False
 
 
-def _sigmas(effect: Effect, found: Mapping[str, Quantity]) -> float:
+def _sigmas(effect: Traceable, found: Mapping[str, Quantity]) -> float:
     """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
     known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
     return max(known, default=np.inf)

@@ -16,8 +16,9 @@ from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOutData
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
-from sim.declaration.effect import Effect, full_name
+from sim.declaration.effect import full_name
 from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 
@@ -37,7 +38,7 @@ class Flight:
 
     def fit(
         self,
-        effects: Sequence[Effect],
+        effects: Sequence[Traceable],
         which: Sequence[int],
         start: Values | None,
         added: Mapping[str, float] | None = None,
@@ -80,7 +81,7 @@ class Replication:
     agrees: bool
 
 
-def replicate(flight: Flight, joint: FittedModel, effect: Effect) -> Replication:
+def replicate(flight: Flight, joint: FittedModel, effect: Traceable) -> Replication:
     """Let each record have an effect's parameters for itself, the derivatives in common, and compare.
 
     A record by itself may not tell an effect from a derivative; all of them together do. A curve's shapes trade off against
@@ -96,13 +97,13 @@ def replicate(flight: Flight, joint: FittedModel, effect: Effect) -> Replication
     return Replication(each, agrees)
 
 
-def by_record(fitted: FittedModel, effect: Effect) -> tuple[dict[str, Quantity], ...]:
+def by_record(fitted: FittedModel, effect: Traceable) -> tuple[dict[str, Quantity], ...]:
     """An effect's parameters in each record of a fit, with sigmas corrected for coloured residuals; alike where they are shared."""
     covariance, _ = fit_covariance(fitted.fit)
     return tuple(quantities_with(fitted, effect, covariance))
 
 
-def distance_from_absence(fitted: FittedModel, effect: Effect) -> float:
+def distance_from_absence(fitted: FittedModel, effect: Traceable) -> float:
     """How far an effect's parameters, all together, stand off their absence, in corrected sigmas (the root of Wald's statistic, per parameter)."""
     covariance, _ = fit_covariance(fitted.fit)
     names = fitted.fit.layout.names
@@ -116,7 +117,7 @@ def distance_from_absence(fitted: FittedModel, effect: Effect) -> float:
     return float(np.sqrt(max(0.0, (away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0]) / len(at)))
 
 
-def own_quantities(fitted: FittedModel, effect: Effect) -> dict[str, Quantity]:
+def own_quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
     """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
     return by_record(fitted, effect)[0]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.score_test import Finding, collinear
 from ident.whole_record.gauss_newton import Fit
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class CrossValidation:
     ``predictions`` by record (from 0): the frozen fit of each that could be asked.
     """
 
-    effect: Effect
+    effect: Traceable
     finding: Finding
     fitted: FittedModel
     reduction: Reduction
@@ -45,11 +45,11 @@ class CrossValidatedEffect:
 
 def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> CrossValidatedEffect | None:
     """The best of those that stand, with those that would do as well; None where none stands or a guard forbids it."""
-    standing = [item for item in results if item.stands and not guards_among([item.effect.name])]
+    standing = [item for item in results if item.stands and not item.effect.traits.guard]
     if not standing:
         return None
     lowest = min(standing, key=lambda item: item.reduction.total)
-    guards = [item for item in results if guards_among([item.effect.name])]
+    guards = [item for item in results if item.effect.traits.guard]
     if any(_better_guard(item, lowest) for item in guards):
         return None
     equals = [item for item in standing if _as_good(item, lowest)]
@@ -67,7 +67,7 @@ def _better_guard(guard: CrossValidation, best: CrossValidation) -> bool:
 
     A guard that an effect contains is that effect in a narrower form, and speaks for it.
     """
-    if best.effect.name in getattr(guard.effect, "within", ()):
+    if best.effect.name in guard.effect.traits.within:
         return False
     behind, scatter = _behind(guard, best)
     tie = guard.stands and guard.finding.parameters <= best.finding.parameters and behind <= max(scatter, 0.5 * thresholds.NO_PREFERENCE)
@@ -83,7 +83,7 @@ def _as_good(item: CrossValidation, best: CrossValidation) -> bool:
 
 
 def _same_trace(item: CrossValidation, best: CrossValidation) -> bool:
-    return not guards_among([item.effect.name]) and collinear(item.finding, best.finding) > thresholds.COLLINEAR
+    return not item.effect.traits.guard and collinear(item.finding, best.finding) > thresholds.COLLINEAR
 
 
 def _behind(item: CrossValidation, best: CrossValidation) -> tuple[float, float]:

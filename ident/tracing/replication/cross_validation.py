@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, guards_among, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, own_quantities, replicate
 from ident.tracing.replication.coloured_null import coloured_gain
@@ -22,15 +22,15 @@ from ident.tracing.replication.comparison import CrossValidatedEffect, CrossVali
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
-from ident.tracing.screening.score_test import Finding, same_sensor_twins, screen
+from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.expansion import near_absence
 from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
-from sim.declaration.effect import Effect, NoiseEffect
-from sim.declaration.proposal import fitted_to
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Curve, Traceable
 
 
-def cross_validate(flight: Flight, candidates: Sequence[Effect], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
+def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
     """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was weighed.
 
     Parameters
@@ -73,19 +73,19 @@ class _Step:
     chosen: CrossValidatedEffect | None
 
 
-def _weigh_all(flight: Flight, candidates: Sequence[Effect], fitted: FittedModel) -> _Step | None:
+def _weigh_all(flight: Flight, candidates: Sequence[Traceable], fitted: FittedModel) -> _Step | None:
     before = _left_out(flight, fitted)
     if before is None:
         return None
     findings = _promising(fitted, candidates)
-    guards = [finding for finding in findings if guards_among([finding.effect.name])]
+    guards = [finding for finding in findings if finding.effect.traits.guard]
     tried = [finding for finding in findings if finding not in guards][: thresholds.CANDIDATES_FITTED] + guards[: thresholds.GUARDS_FITTED]
     results = [item for item in (_weigh(flight, fitted, finding, before) for finding in tried) if item is not None]
     return _Step(fitted, before, findings, results, choose(results, flight.witness))
 
 
 def _pair_instead(
-    flight: Flight, candidates: Sequence[Effect], first: _Step, found: Sequence[CrossValidatedEffect]
+    flight: Flight, candidates: Sequence[Traceable], first: _Step, found: Sequence[CrossValidatedEffect]
 ) -> tuple[list[CrossValidatedEffect] | None, list[CrossValidation]]:
     """Two effects, each standing beside the other, that together do clearly better than what was found one after the other."""
     names = [item.best.effect.name for item in found]
@@ -126,10 +126,10 @@ def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]
     return flight.fit(effects, range(len(flight.records)), fitted.values, {**pair[0].starts[0], **pair[1].starts[0]})
 
 
-def _promising(fitted: FittedModel, candidates: Sequence[Effect]) -> list[Finding]:
+def _promising(fitted: FittedModel, candidates: Sequence[Traceable]) -> list[Finding]:
     """The candidates whose projected gain, in effective samples, pays for their parameters; the largest first."""
     share = _effective(fitted)
-    twins = {twin for name in fitted.names for twin in same_sensor_twins(name)}
+    twins = {twin for effect in fitted.effects for twin in effect.traits.twins}
     samples = share * float(fitted.fit.counts.sum())
     findings = [finding for finding in screen(fitted, candidates, search_context(fitted)) if finding.effect.name not in twins]
     most = findings[0].gain if findings else 0.0
@@ -156,17 +156,16 @@ def _left_out(flight: Flight, fitted: FittedModel, which: Sequence[int] | None =
     return fits
 
 
-def within_reach(fitted: FittedModel, effect: Effect) -> list[int]:
+def within_reach(fitted: FittedModel, effect: Traceable) -> list[int]:
     """Records that fly where the others do, too: beyond their range a curve fitted to the others is not known."""
-    low, high = getattr(effect, "low", None), getattr(effect, "high", None)
     count = len(fitted.fit.layout.problems)
-    if low is None or high is None:
+    if not isinstance(effect, Curve):
         return list(range(count))
     inside = []
     for r in range(count):
-        others = fitted_to(effect, search_context(fitted, which=[other for other in range(count) if other != r]))
-        beyond = max(others.low - low, high - others.high)  # type: ignore[attr-defined]
-        if beyond <= thresholds.BEYOND_RANGE * (high - low):
+        others = effect.fitted_to(search_context(fitted, which=[other for other in range(count) if other != r]))
+        beyond = max(others.low - effect.low, effect.high - others.high)
+        if beyond <= thresholds.BEYOND_RANGE * (effect.high - effect.low):
             inside.append(r)
     return inside
 

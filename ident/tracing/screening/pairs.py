@@ -8,8 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import guards_among
-from ident.tracing.screening.score_test import Finding, collinear, same_sensor_twins
+from ident.tracing.screening.score_test import Finding, collinear
 
 
 def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: float) -> list[tuple[Finding, Finding]]:
@@ -19,13 +18,13 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
 
     Guards, a lag with the delay of the same channel, and signatures that are one and the same make no pair. ``samples`` of the fitted model's fit.
     """
-    usable = [finding for finding in findings if not guards_among([finding.effect.name])]
+    usable = [finding for finding in findings if not finding.effect.traits.guard]
     taken = [finding for finding in usable if finding.effect.name in found]
     least = joint_fall(taken[0], taken[-1], samples) if taken else 0.0
     falls = [
         (fall, one, other)
         for one, other in combinations(usable, 2)
-        if other.effect.name not in same_sensor_twins(one.effect.name)
+        if other.effect.name not in one.effect.traits.twins
         and collinear(one, other) < thresholds.COLLINEAR
         and (fall := joint_fall(one, other, samples)) > least + thresholds.ROUNDING
     ]

@@ -15,8 +15,8 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
 from ident.whole_record.record_problem import record_problem
-from sim.declaration.effect import Effect, full_name
-from sim.declaration.proposal import Probe, SearchContext, fitted_to
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
 
@@ -28,7 +28,7 @@ class Finding:
     projection has them; ``contribution`` what the best would add to the whitened, projected outputs, ``(D,)``.
     """
 
-    effect: Effect
+    effect: Traceable
     gain: float
     parameters: int
     starts: tuple[Mapping[str, float], ...]
@@ -45,7 +45,7 @@ class _Whitened:
     rows: tuple[slice, ...]
 
 
-def screen(fitted: FittedModel, candidates: Sequence[Effect], context: SearchContext, most: int = 3) -> list[Finding]:
+def screen(fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext, most: int = 3) -> list[Finding]:
     """Findings for all candidates that can act on the fitted model, the largest gain first.
 
     An effect whose signature is nothing, or points the unphysical way, is left out.
@@ -84,15 +84,15 @@ def _whitened(fitted: FittedModel) -> _Whitened:
     return _Whitened(e - Q @ (Q.T @ e), Q, rows)
 
 
-def _find(fitted: FittedModel, white: _Whitened, effect: Effect, context: SearchContext, most: int) -> Finding | None:
-    probes = tuple(effect.probes(context))  # type: ignore[attr-defined]
+def _find(fitted: FittedModel, white: _Whitened, effect: Traceable, context: SearchContext, most: int) -> Finding | None:
+    probes = tuple(effect.probes(context))
     if not probes:
         return None
     try:
         signatures = _signatures(fitted, effect, probes)
     except ModelError:
         return None
-    apart, onset = belongs_to_record(effect) and len(white.rows) > 1, getattr(effect, "onset", "")
+    apart, onset = belongs_to_record(effect) and len(white.rows) > 1, effect.traits.onset
     total = float(white.e @ white.e)
     N = float(fitted.fit.counts.sum())
     results = []
@@ -184,7 +184,7 @@ def _added(white: _Whitened, columns: np.ndarray, each: Sequence[tuple[slice, np
     return out - white.Q @ (white.Q.T @ out)
 
 
-def _signatures(fitted: FittedModel, effect: Effect, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
+def _signatures(fitted: FittedModel, effect: Traceable, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
     """For each probe the columns ``(m, N, k)`` of every record."""
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
@@ -212,7 +212,7 @@ def _signatures(fitted: FittedModel, effect: Effect, probes: Sequence[Probe]) ->
 
 
 def _alternatives(
-    effect: Effect, probes: Sequence[Probe], names: Sequence[str]
+    effect: Traceable, probes: Sequence[Probe], names: Sequence[str]
 ) -> tuple[list[dict[str, float]], list[tuple[int, int, int, np.ndarray]]]:
     """Parameter values of every column, and for each probe: its first column, their number, the reference's column (-1: the base), steps."""
     size = {item.name: abs(item.value) or 1.0 for item in effect.parameters}
@@ -234,7 +234,7 @@ def _alternatives(
     return columns, where
 
 
-def _start(effect: Effect, probe: Probe, amplitudes: np.ndarray) -> dict[str, float] | None:
+def _start(effect: Traceable, probe: Probe, amplitudes: np.ndarray) -> dict[str, float] | None:
     """Where a full fit begins; None where the projection points the unphysical way."""
     bounds = {item.name: item.bounds for item in effect.parameters}
     values = dict(probe.values)
@@ -252,10 +252,3 @@ def _start(effect: Effect, probe: Probe, amplitudes: np.ndarray) -> dict[str, fl
 def _differs(a: np.ndarray, b: np.ndarray) -> bool:
     size = np.linalg.norm(a) * np.linalg.norm(b)
     return bool(size > 0 and abs(a @ b) < thresholds.DISTINCT * size)
-
-
-def same_sensor_twins(name: str) -> tuple[str, ...]:
-    """The other name for one late sensor: the lag of a channel for its delay and the other way round; empty for anything else."""
-    kind, _, channel = name.partition(":")
-    twin = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}.get(kind)
-    return (f"{twin}:{channel}",) if twin is not None else ()

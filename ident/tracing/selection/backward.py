@@ -8,8 +8,7 @@ from ident.tracing.diagnosis import Step
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand
 from ident.tracing.selection.ledger import Ledger, fit
-from sim.declaration.effect import Effect
-from sim.declaration.proposal import Refinable
+from sim.declaration.proposal import Refinable, Traceable
 
 
 def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
@@ -32,7 +31,7 @@ def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, F
     return ledger, best
 
 
-def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Effect, *, rough: bool = False) -> tuple[Ledger, FittedModel | None]:
+def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Traceable, *, rough: bool = False) -> tuple[Ledger, FittedModel | None]:
     """A set without one of its effects, the better of two fits: the one that is kept, and one from the set's own values.
 
     The one kept from the way up may stand in a worse optimum.

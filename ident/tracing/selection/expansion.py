@@ -13,10 +13,11 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, 
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import Finding, collinear, same_sensor_twins, screen
+from ident.tracing.screening.score_test import Finding, collinear, screen
 from ident.tracing.selection.criterion import gain, is_white
 from ident.tracing.selection.ledger import Ledger, fit
-from sim.declaration.effect import Effect, NoiseEffect, full_name
+from sim.declaration.effect import NoiseEffect, full_name
+from sim.declaration.proposal import Traceable
 
 
 def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, list[FittedModel]]:
@@ -76,7 +77,7 @@ def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int)
     return ledger, best
 
 
-def near_absence(effect: Effect, start: Mapping[str, float]) -> dict[str, float]:
+def near_absence(effect: Traceable, start: Mapping[str, float]) -> dict[str, float]:
     """A start with a hundredth of its distance from the effect's absence."""
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
     near = {name: absent.get(name, value) + (0.01 * (value - absent[name]) if name in absent else 0.0) for name, value in start.items()}
@@ -132,7 +133,7 @@ def _accepted(
     return ledger, accepted
 
 
-def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Effect, *, exactly: bool) -> tuple[Ledger, FittedModel | None]:
+def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Traceable, *, exactly: bool) -> tuple[Ledger, FittedModel | None]:
     """The child as it is kept, with the step that says so; None where it brings too little after all.
 
     ``exactly`` : whether to know what it brings. One that brings less than half of another will not be the best of its size.
@@ -150,11 +151,11 @@ def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Effe
     return ledger, ledger.known(child)
 
 
-def _placed_better(ledger: Ledger, child: FittedModel, effect: Effect) -> tuple[Ledger, FittedModel]:
+def _placed_better(ledger: Ledger, child: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel]:
     """An event moved a little to both sides: its time has local optima where the motion has died out."""
     if not is_event(effect):
         return ledger, child
-    name = full_name(effect, effect.onset)  # type: ignore[attr-defined]
+    name = full_name(effect, effect.traits.onset)
     values = child.values
     at = values.own[0].get(name, values.shared.get(name))
     if at is None:
@@ -176,9 +177,9 @@ def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tupl
     return ledger.kept(again, ledger.score(fitted) - 2.0 * (fitted.fit.cost - again.fit.cost)), again
 
 
-def _excluded(fitted: FittedModel, effect: Effect) -> bool:
+def _excluded(fitted: FittedModel, effect: Traceable) -> bool:
     """One late effect per sensor: a lag and a delay of the same channel are one thing described twice."""
-    return any(twin in fitted.names for twin in same_sensor_twins(effect.name))
+    return any(twin in fitted.names for twin in effect.traits.twins)
 
 
 def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, others: tuple[str, ...]) -> Candidate:

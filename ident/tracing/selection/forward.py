@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set, guards_among
+from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
@@ -152,5 +152,5 @@ def _best_found(ledger: Ledger) -> FittedModel:
     best = min(ledger.models.values(), key=ledger.score)
     if is_white(best, least):
         return best
-    white = [fitted for fitted in ledger.models.values() if is_white(fitted, least) and not guards_among(fitted.names)]
+    white = [fitted for fitted in ledger.models.values() if is_white(fitted, least) and not fitted.guards]
     return min(white, key=ledger.score, default=best)

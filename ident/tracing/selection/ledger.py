@@ -12,7 +12,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 
 # Units of the budget, which bounds time, not what is found.
 DEARER_WITH_PROCESS_NOISE = 4.0  # a fit with process noise costs as much as so many without
@@ -78,7 +78,7 @@ class Ledger:
 
 
 def fit(
-    ledger: Ledger, effects: Sequence[Effect], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
+    ledger: Ledger, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
 ) -> tuple[Ledger, FittedModel | None]:
     """Fit a set to the ledger's problem, and count the work."""
     fitted = ledger.problem.fit(effects, start, added, rough=rough)

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, guards_among
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import same_sensor_twins, screen
+from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.ledger import Ledger, fit
-from sim.declaration.effect import Effect, NoiseEffect
-from sim.declaration.proposal import Refinable
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.proposal import Refinable, Traceable
 
 
 def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledger, list[FittedModel]]:
@@ -49,7 +49,7 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
     return ledger, found
 
 
-def _alike(ledger: Ledger, best: FittedModel, effect: Effect) -> set[str]:
+def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
     names = set(effect.aliases)
@@ -59,18 +59,18 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Effect) -> set[str]:
         elif effect.name in seen.collinear_with and set(seen.within) <= rest:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in ledger.models}
-    candidates = {c.name for c in ledger.problem.candidates if not isinstance(c, NoiseEffect)}
-    twins = {name for other in rest for name in same_sensor_twins(other)}
-    return (names & candidates) - rest - known - twins - set(guards_among(names)) - {effect.name}
+    candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)}
+    twins = {name for other in best.effects if other.name in rest for name in other.traits.twins}
+    return (names & candidates) - rest - known - twins - {effect.name}
 
 
-def _without(ledger: Ledger, best: FittedModel, effect: Effect) -> tuple[Ledger, FittedModel | None]:
+def _without(ledger: Ledger, best: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
     if has_process_noise(best.system):
         return ledger, ledger.models.get(frozenset(name for name in best.names if name != effect.name))
     return fitted_without(ledger, best, effect, rough=True)
 
 
-def _freely(ledger: Ledger, child: FittedModel | None, best: FittedModel, effect: Effect) -> tuple[Ledger, FittedModel | None]:
+def _freely(ledger: Ledger, child: FittedModel | None, best: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
     """The child, in its freer form where the plain one is not quite as good as the set it stands in for."""
     if child is None or not isinstance(effect, Refinable) or child.fit.cost <= best.fit.cost:
         return ledger, child

@@ -34,7 +34,7 @@ def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
 
 
 def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
-    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim."""
+    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where a candidate stands for them."""
     measured = measured_masks(problem.records, problem.outputs)
     residuals = [
         np.where(valid, laid.z - line.y, 0.0) for valid, laid, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
@@ -45,7 +45,8 @@ def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.nd
     by_channel: dict[str, list[Spikes]] = {}
     for spike in spikes:
         by_channel.setdefault(spike.channel, []).append(spike)
-    claims = [_claim(f"sensor-spikes:{channel}", found, units[channel], _sigma(fitted, channel)) for channel, found in by_channel.items()]
+    names = _claimable(problem)
+    claims = [_claim(names[channel], found, units[channel], _sigma(fitted, channel)) for channel, found in by_channel.items() if channel in names]
     return [mask & valid for mask, valid in zip(masks, measured, strict=True)], claims
 
 
@@ -59,10 +60,10 @@ def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[st
     return masks
 
 
-def mended_inputs(record: Record, claims: Sequence[str]) -> Record:
+def mended_inputs(record: Record, spoilt: Sequence[str]) -> Record:
     """A held-out record with spikes of those inputs mended that were claimed to have some."""
     for channel in record.inputs:
-        if f"sensor-spikes:{channel.name}" in claims:
+        if channel.name in spoilt:
             record = _mended(record, channel.name, input_spikes(channel.values))
     return record
 
@@ -71,7 +72,8 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
     """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit better, and claimed."""
     claims: list[Claim] = []
     steps: list[Step] = []
-    for name in root.system.input_names:
+    names = _claimable(problem)
+    for name in [name for name in root.system.input_names if name in names]:
         found = [input_spikes(record[name].values) for record in problem.records]
         if not any(samples.size for samples in found):
             continue
@@ -81,7 +83,7 @@ def cleaned_inputs(problem: TraceProblem, root: FittedModel) -> tuple[TraceProbl
         if fitted is not None and brought > problem.settings.accept:
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
-            claims.append(_claim(f"sensor-spikes:{name}", _differences(problem.records, trial.records, name, found), unit, known_to))
+            claims.append(_claim(names[name], _differences(problem.records, trial.records, name, found), unit, known_to))
             sentence = f"spikes of {name} mended: twice the likelihood gain {brought:.1f}"
             steps.append(Step((), fitted.criterion, fitted.fit.log_likelihood, sentence))
             problem, root = trial, fitted
@@ -95,6 +97,11 @@ def _differences(records: Sequence[Record], mended: Sequence[Record], name: str,
         for r, (record, other, samples) in enumerate(zip(records, mended, found, strict=True))
         if samples.size
     ]
+
+
+def _claimable(problem: TraceProblem) -> dict[str, str]:
+    """By channel the name of the candidate that stands for its isolated wrong samples: the rule finds them, the effect names them."""
+    return {candidate.traits.wrong_samples_of: candidate.name for candidate in problem.candidates if candidate.traits.wrong_samples_of}
 
 
 def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
@@ -131,7 +138,7 @@ def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
         if not is_event(effect):
             continue
         known = {item.name: own.get(full_name(effect, item.name), shared.get(full_name(effect, item.name), item.value)) for item in effect.parameters}
-        onset = known[effect.onset]  # type: ignore[attr-defined]
+        onset = known[effect.traits.onset]
         for edge in (onset, onset + known.get("duration", 0.0)):
             blocked |= np.abs(record.time - edge) < thresholds.NEAR_EVENT
     return blocked

@@ -35,7 +35,7 @@ from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import Prior, lay_out
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 
@@ -149,7 +149,7 @@ def _fit_other(
 
 def _fit_set(
     fitted: FittedModel,
-    effects: Sequence[Effect],
+    effects: Sequence[Traceable],
     records: Sequence[Record],
     masks: Sequence[np.ndarray] | None,
     shared: Mapping[str, float],

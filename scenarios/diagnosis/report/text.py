@@ -50,7 +50,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = [signal.name for signal in tracing.model.equations.inputs]
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.sentences)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.own)
 
 
 def subject(tracing: Tracing) -> str:
@@ -95,7 +95,7 @@ def verdict_advice(tracing: Tracing) -> list[str]:
     """What could not be told apart, and the maneuver that would, one line each."""
     lines = []
     for claim in tracing.diagnosis.effects:
-        for names, maneuver in separating_maneuvers(claim.name, claim.alternatives):
+        for names, maneuver in separating_maneuvers(claim.name, claim.alternatives, wording_of(tracing)):
             lines.append(f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: {maneuver}")
     return lines
 

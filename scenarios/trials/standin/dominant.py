@@ -65,7 +65,7 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
         reach = _peak(drawn) if name.startswith("control") else 0.09
         effect = replace(effect, low=-reach, high=reach)
     count = len(drawn.maneuvers)
-    records = (int(rng.integers(count)),) if effect.per_record and name != "speed-variation" else tuple(range(count))
+    records = (int(rng.integers(count)),) if effect.traits.per_record and name != "speed-variation" else tuple(range(count))
     sizing = tuple(range(SIZED_ON)) if len(records) == 1 else records
     model, wanted = declared_model(drawn.declared, drawn.starts), -math.log(1.0 - reduction)
 

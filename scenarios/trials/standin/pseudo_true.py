@@ -16,6 +16,7 @@ from scenarios.trials.standin.flying import fly_draws
 from scenarios.trials.standin.joint_fit import Point, fit_together
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, Regularity
+from sim.declaration.proposal import Curve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 
@@ -95,7 +96,7 @@ def _effect(drawn: Drawn, name: str, values: Mapping[str, float]) -> tuple[Effec
         if dominant.name == name:
             return (dominant.effect, dominant.values) if len(dominant.records) == len(drawn.maneuvers) and name != "speed-variation" else None
     effect = find_effect(name, drawn.declared.equations)
-    if effect.regularity in _OF_ONE_RECORD or getattr(effect, "per_record", False):
+    if effect.regularity in _OF_ONE_RECORD or (isinstance(effect, Traceable) and effect.traits.per_record):
         return None
     # Curves are declared over the range that a search saw; elsewhere their shapes are others, and start from none.
-    return effect, (dict(effect.absent) if hasattr(effect, "low") else values)
+    return effect, (dict(effect.absent) if isinstance(effect, Curve) else values)

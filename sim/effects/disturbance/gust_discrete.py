@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.elementary import clip, cos, once_for_alike
 
 DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
@@ -39,9 +40,12 @@ class GustDiscrete:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = "start"
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"peak": (-20.0, 20.0), "duration": (0.1, 20.0)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("a single gust of {peak} comes at {start} and lasts {duration}",),
+        plausible={"peak": (-20.0, 20.0), "duration": (0.1, 20.0)},
+        onset="start",
+        per_record=True,
+    )
     explanation: ClassVar[str] = (
         "Rising air meets the aircraft once: w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)) between start and start + duration, the usual "
         "design gust. The air then comes from below by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the angle of "
@@ -83,7 +87,7 @@ class GustDiscrete:
             gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
         return {"gust": gust / vehicle.airspeed}
 
-    def finer(self) -> Effect:
+    def finer(self) -> GustDiscrete:
         """The same with a freer course."""
         return replace(self, fine=True)
 
@@ -96,4 +100,4 @@ class GustDiscrete:
         return tuple(Probe({**self.absent, "start": context.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
 
 
-VARIANTS: tuple[Effect, ...] = (GustDiscrete(), GustDiscrete(lasting=True))
+VARIANTS: tuple[Traceable, ...] = (GustDiscrete(), GustDiscrete(lasting=True))

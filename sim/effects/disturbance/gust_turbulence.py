@@ -10,9 +10,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 
 ROOT3 = math.sqrt(3.0)
 
@@ -40,9 +41,10 @@ class GustTurbulence:
     regularity: ClassVar[Regularity] = Regularity.PROCESS_NOISE
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = (Signal("gust_1", "m/s", "filtered noise"), Signal("gust_2", "m/s", "the same, filtered twice"))
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"sigma": (0.0, 8.0), "length": (20.0, 2000.0)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
+        plausible={"sigma": (0.0, 8.0), "length": (20.0, 2000.0)},
+    )
     explanation: ClassVar[str] = (
         "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "
         "aircraft crosses in L/V seconds; its spectrum is Dryden's, S(W) = sigma^2 (L/pi) (1 + 3 (L W)^2)/(1 + (L W)^2)^2 over the spatial "
@@ -75,4 +77,4 @@ class GustTurbulence:
         )
 
 
-VARIANTS: tuple[Effect, ...] = (GustTurbulence(),)
+VARIANTS: tuple[Traceable, ...] = (GustTurbulence(),)

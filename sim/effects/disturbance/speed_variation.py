@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.separating import STEADY_FLIGHT
 
 
 @dataclass(frozen=True)
@@ -30,9 +32,14 @@ class SpeedVariation:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"rate": (-4.0, 4.0)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the airspeed changes by {rate}",),
+        short_name="changing airspeed",
+        separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
+        plausible={"rate": (-4.0, 4.0)},
+        per_record=True,
+        recorded_as="airspeed_change",
+    )
     explanation: ClassVar[str] = (
         "The aircraft speeds up or slows down during the record: V(t) = V + rate (t - begin). All forces grow with V^2, the damping by rates with "
         "V, so the short period becomes faster along the record and the load factor per angle of attack larger, while a model with one speed fits "
@@ -46,7 +53,7 @@ class SpeedVariation:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> SpeedVariation:
         """The same with the declared airspeed at that record's begin."""
         return replace(self, begin=context.begin)
 
@@ -55,4 +62,4 @@ class SpeedVariation:
         return (Probe(self.absent, ("rate",)),)
 
 
-VARIANTS: tuple[Effect, ...] = (SpeedVariation(),)
+VARIANTS: tuple[Traceable, ...] = (SpeedVariation(),)

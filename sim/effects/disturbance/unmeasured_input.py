@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.effects.onset import WIDTH, edge_width, risen
 
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
@@ -40,8 +41,6 @@ class UnmeasuredInput:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = "start"
-    per_record: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "Something pushed the aircraft that no channel shows: a flap, a speed brake, another surface, thrust that pitches, a store let go. CL += "
         "lift and Cm += moment between start and start + duration, or from start on for good. The motion begins without any recorded input and "
@@ -60,9 +59,17 @@ class UnmeasuredInput:
         return MappingProxyType({"lift": 0.0, "moment": 0.0})
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         lift, moment = (30.0 * size for size in self.sizes)
-        return MappingProxyType({"lift": (-lift, lift), "moment": (-moment, moment)})
+        return Traits(
+            sentences=(
+                "something that is not recorded acts for {duration} from {start}: {rest}",
+                "something that is not recorded acts from {start} on: {rest}",
+            ),
+            plausible={"lift": (-lift, lift), "moment": (-moment, moment)},
+            onset="start",
+            per_record=True,
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         share = risen(s.time, p.start, self.width)
@@ -73,7 +80,7 @@ class UnmeasuredInput:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
         """The same with edges of one sub-step of that record."""
         return replace(self, width=edge_width(context.interval))
 
@@ -86,7 +93,7 @@ class UnmeasuredInput:
         return tuple(Probe({**start, "duration": duration}, ("lift", "moment"), shifts=True) for duration in durations)
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     UnmeasuredInput(),
     UnmeasuredInput(lasting=True),
     UnmeasuredInput(units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)),

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -48,8 +49,6 @@ class ControlNonlinearity:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-deadband")
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
         "differ. Cm = ... + Cm_de (d + f(d)) for a deflection d, CL = ... + CL_de (d + lift_share f(d)), f a smooth curve (natural cubic spline, "
@@ -75,9 +74,13 @@ class ControlNonlinearity:
         return MappingProxyType(dict.fromkeys(shape_names(self.fine), 0.0))
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         widest = max(abs(self.low), abs(self.high))
-        return MappingProxyType(dict.fromkeys(shape_names(self.fine), (-widest, widest)) | {"lift_share": (-3.0, 5.0)})
+        return Traits(
+            sentences=("the effect of the {control} is not in proportion to its deflection",),
+            short_name="curved control",
+            plausible=dict.fromkeys(shape_names(self.fine), (-widest, widest)) | {"lift_share": (-3.0, 5.0)},
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         more = combine(natural_shapes(self.low, self.high, self.fine), getattr(s, self.control), p[:-1])
@@ -87,7 +90,7 @@ class ControlNonlinearity:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> ControlNonlinearity:
         """The same over the range of deflections that the record used, in units of the derivatives fitted so far.
 
         A pseudo-control goes no further than the stick.
@@ -96,7 +99,7 @@ class ControlNonlinearity:
         by = tuple(context.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
         return replace(self, low=low, high=high, by=by if by[0] != 0.0 else ())
 
-    def finer(self) -> Effect:
+    def finer(self) -> ControlNonlinearity:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
@@ -105,7 +108,7 @@ class ControlNonlinearity:
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),
 )

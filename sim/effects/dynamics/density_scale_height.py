@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.separating import ANOTHER_FALL
 
 
 @dataclass(frozen=True)
@@ -28,9 +30,11 @@ class DensityScaleHeight:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"change": (-0.4, 0.6)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the air density falls off with a scale height {change_change} {change_direction} than declared",),
+        separating=dict.fromkeys(("drag-mach", "drag-jump", "sensor-scale"), ANOTHER_FALL),
+        plausible={"change": (-0.4, 0.6)},
+    )
     explanation: ClassVar[str] = (
         "The atmosphere is warmer or colder than the declared one, and its density falls with altitude by another scale height: rho = rho0 "
         "exp(-altitude / (H (1 + change))), with the density at altitude zero as declared. At one altitude that equals another ballistic "
@@ -49,4 +53,4 @@ class DensityScaleHeight:
         return (Probe(self.absent, ("change",)),)
 
 
-VARIANTS: tuple[Effect, ...] = (DensityScaleHeight(),)
+VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(),)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.effects.onset import WIDTH, edge_width, risen
 
 
@@ -60,8 +61,6 @@ class DerivativeJump:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = "time"
-    per_record: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
         "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and "
@@ -83,8 +82,13 @@ class DerivativeJump:
         return MappingProxyType(dict.fromkeys(self.needs_constants, 0.0))
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
-        return MappingProxyType({change.derivative: (-change.largest, change.largest) for change in (*self.moment, *self.lift)})
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the derivatives change at {time}: {rest}",),
+            plausible={change.derivative: (-change.largest, change.largest) for change in (*self.moment, *self.lift)},
+            onset="time",
+            per_record=True,
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         share = risen(s.time, p.time, self.width)
@@ -95,7 +99,7 @@ class DerivativeJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> DerivativeJump:
         """The same with an edge of one sub-step of that record."""
         return replace(self, width=edge_width(context.interval))
 
@@ -104,4 +108,4 @@ class DerivativeJump:
         return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets())
 
 
-VARIANTS: tuple[Effect, ...] = (DerivativeJump(), DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT))
+VARIANTS: tuple[Traceable, ...] = (DerivativeJump(), DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT))

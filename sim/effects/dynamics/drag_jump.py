@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.effects.onset import SLOW_WIDTH, edge_width, risen
+from sim.effects.separating import ANOTHER_FALL
 from sim.maths.elementary import log
 
 
@@ -31,9 +33,13 @@ class DragJump:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = "time"
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"factor": (0.05, 20.0)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the drag is multiplied by {factor} from {time} on",),
+        separating={"sensor-scale": ANOTHER_FALL},
+        plausible={"factor": (0.05, 20.0)},
+        onset="time",
+        per_record=True,
+    )
     explanation: ClassVar[str] = (
         "At one time the body changes: a heat shield is dropped, a drogue opens, a fin breaks, it starts to tumble. From then on the drag is "
         "another multiple of the dynamic pressure, drag = factor * 0.5 rho v^2 / beta. The altitude itself shows no step, only its curvature does: "
@@ -46,7 +52,7 @@ class DragJump:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> DragJump:
         """The same with an edge that sub-steps of that record resolve."""
         return replace(self, width=edge_width(context.interval, SLOW_WIDTH))
 
@@ -55,4 +61,4 @@ class DragJump:
         return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in context.onsets())
 
 
-VARIANTS: tuple[Effect, ...] = (DragJump(),)
+VARIANTS: tuple[Traceable, ...] = (DragJump(),)

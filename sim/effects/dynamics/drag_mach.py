@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.separating import ANOTHER_FALL
 from sim.maths.elementary import absolute, asinh, maximum, sqrt
 from sim.maths.splines import Shapes, combine, natural_shapes, shape_names
 
@@ -44,8 +46,6 @@ class DragMach:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The drag coefficient is no constant: near the speed of sound shock waves raise it, faster still it falls again. Drag = exp(f(M)) * 0.5 "
         "rho v^2 / beta, f a smooth curve of the Mach number (natural cubic spline), zero at the lowest Mach number flown, where beta holds. A "
@@ -62,8 +62,12 @@ class DragMach:
         return MappingProxyType(dict.fromkeys(shape_names(self.fine, flat=False), 0.0))
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
-        return MappingProxyType(dict.fromkeys(shape_names(self.fine, flat=False), (-3.0, 3.0)))
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the drag changes with the Mach number",),
+            separating={"drag-jump": ANOTHER_FALL, "sensor-scale": ANOTHER_FALL},
+            plausible=dict.fromkeys(shape_names(self.fine, flat=False), (-3.0, 3.0)),
+        )
 
     @property
     def shapes(self) -> Shapes:
@@ -79,7 +83,7 @@ class DragMach:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> DragMach:
         """The same over the Mach numbers that the record's speeds reach, at most and at least."""
         flown = context.flown_range("velocity")
         if flown is None:
@@ -88,7 +92,7 @@ class DragMach:
         low, high = slowest / (SPEED_PER_ROOT * math.sqrt(SEA_LEVEL)), max(abs(flown[0]), abs(flown[1])) / (SPEED_PER_ROOT * math.sqrt(COLDEST))
         return replace(self, low=low, high=max(high, low + 0.1))
 
-    def finer(self) -> Effect:
+    def finer(self) -> DragMach:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
@@ -101,4 +105,4 @@ def _stretched(mach: Any) -> Any:
     return asinh((mach - SONIC) / TRANSONIC)
 
 
-VARIANTS: tuple[Effect, ...] = (DragMach(),)
+VARIANTS: tuple[Traceable, ...] = (DragMach(),)

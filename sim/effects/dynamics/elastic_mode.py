@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.errors import ModelError
 
 DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
@@ -48,9 +49,11 @@ class ElasticMode:
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"frequency": (3.0, 200.0), "damping": (0.003, 0.3)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
+        short_name="bending structure",
+        plausible={"frequency": (3.0, 200.0), "damping": (0.003, 0.3)},
+    )
     explanation: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
         "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift "
@@ -120,7 +123,7 @@ class ElasticMode:
         changed = {"q": y["q"] + p.gyro * rate}
         return {**changed, "nz": y["nz"] + p.accelerometer * acceleration} if self.fine else changed
 
-    def finer(self) -> Effect:
+    def finer(self) -> ElasticMode:
         """The same mode with all its couplings."""
         return replace(self, fine=True)
 
@@ -138,7 +141,7 @@ class ElasticMode:
         return getattr(s, f"bending_{self.number}"), getattr(s, f"bending_rate_{self.number}")
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     ElasticMode(),
     ElasticMode(control="delta", angle="1", loads=("1/s", "1/s2"), sizes=(0.002, -0.04, 0.002), needs_constants=("M_delta",)),
 )

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -40,8 +41,6 @@ class LiftNonlinearity:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The lift bends away from the straight line CL = CL_alpha alpha: near separation it falls short, with vortices it grows faster. CL += "
         "f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in trim, so that CL_alpha "
@@ -58,8 +57,12 @@ class LiftNonlinearity:
         return MappingProxyType(dict.fromkeys(shape_names(self.fine), 0.0))
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
-        return MappingProxyType(dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)))
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the lift is not linear in the angle of attack",),
+            short_name="curved lift",
+            plausible=dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)),
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"lift": combine(natural_shapes(self.low, self.high, self.fine), s.alpha_air, p)}
@@ -67,12 +70,12 @@ class LiftNonlinearity:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> LiftNonlinearity:
         """The same over the range of angles that the record flew."""
         low, high = context.flown_range("alpha") or (self.low, self.high)
         return replace(self, low=low, high=high)
 
-    def finer(self) -> Effect:
+    def finer(self) -> LiftNonlinearity:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
@@ -81,7 +84,7 @@ class LiftNonlinearity:
         return (Probe(self.absent, shape_names(self.fine)),)
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     LiftNonlinearity(),
     LiftNonlinearity(low=-0.04, high=0.04, unit="1/s", size=0.02, needs_constants=("L_alpha",)),
 )

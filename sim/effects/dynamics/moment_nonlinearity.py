@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -40,8 +41,6 @@ class MomentNonlinearity:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The pitching moment bends away from the straight line Cm = Cm_alpha alpha: at larger angles the aircraft grows stiffer, loses stability "
         "or pitches up. Cm += f(alpha), a smooth curve (natural cubic spline, four shapes) over the range flown that is zero with zero slope in "
@@ -58,8 +57,12 @@ class MomentNonlinearity:
         return MappingProxyType(dict.fromkeys(shape_names(self.fine), 0.0))
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
-        return MappingProxyType(dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)))
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the pitching moment is not linear in the angle of attack",),
+            short_name="curved pitching moment",
+            plausible=dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)),
+        )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {"moment": combine(natural_shapes(self.low, self.high, self.fine), s.alpha_air, p)}
@@ -67,12 +70,12 @@ class MomentNonlinearity:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> MomentNonlinearity:
         """The same over the range of angles that the record flew."""
         low, high = context.flown_range("alpha") or (self.low, self.high)
         return replace(self, low=low, high=high)
 
-    def finer(self) -> Effect:
+    def finer(self) -> MomentNonlinearity:
         """The same with five finer shapes."""
         return replace(self, fine=True)
 
@@ -81,7 +84,7 @@ class MomentNonlinearity:
         return (Probe(self.absent, shape_names(self.fine)),)
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     MomentNonlinearity(),
     MomentNonlinearity(low=-0.04, high=0.04, unit="1/s2", size=0.1, needs_constants=("M_alpha",)),
 )

@@ -45,6 +45,7 @@ class StructuralMode:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
+    needs_priors: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "The structure bends. Each mode is an oscillator that the air drives and that changes the lift and the moment in turn: eta_ddot = "
         "-2 zeta omega etadot - omega^2 eta + rho V^2 S c/(2 M) (Ceta_alpha alpha + Ceta_q q c/(2V) + Ceta_de elevator + ...), CL += CL_eta eta + "

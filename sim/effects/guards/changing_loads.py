@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -36,9 +37,7 @@ class DampingCurve:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         f"A generic term: damping grows with the size of the pitch rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional. {_NO_CAUSE}"
     )
@@ -83,9 +82,10 @@ class DriftingDerivatives:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation", "derivative-jump")
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits(
+        per_record=True,
+        guard=True,
+    )
     explanation: ClassVar[str] = (
         "A generic term: stability, control power and lift slope grow or shrink steadily with time, each at a rate of its own, as where fuel "
         f"moves or ice grows. {_NO_CAUSE}"
@@ -104,7 +104,7 @@ class DriftingDerivatives:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> DriftingDerivatives:
         """The same with the declared derivatives at that record's begin."""
         return replace(self, begin=context.begin)
 
@@ -113,7 +113,7 @@ class DriftingDerivatives:
         return (Probe(self.absent, tuple(self.absent)),)
 
 
-GUARDS: tuple[Effect, ...] = (
+GUARDS: tuple[Traceable, ...] = (
     DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
     DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),

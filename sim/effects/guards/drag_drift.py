@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -26,9 +27,7 @@ class DragDrift:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("density-scale-height", "drag-mach")
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: the drag of a falling body grows or shrinks steadily with time, drag = exp(rate (t - begin)) * 0.5 rho v^2 / beta. "
         "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -40,7 +39,7 @@ class DragDrift:
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
-    def fitted_to(self, context: SearchContext) -> Effect:
+    def fitted_to(self, context: SearchContext) -> DragDrift:
         """The same with the declared beta at that record's begin."""
         return replace(self, begin=context.begin)
 
@@ -49,4 +48,4 @@ class DragDrift:
         return (Probe(self.absent, ("rate",)),)
 
 
-GUARDS: tuple[Effect, ...] = (DragDrift(),)
+GUARDS: tuple[Traceable, ...] = (DragDrift(),)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
 
@@ -37,9 +38,7 @@ class LaggedLoads:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "input-delay")
     states: ClassVar[tuple[Signal, ...]] = (Signal("late_angle", "rad", "angle of attack, late"),)
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: lift and moment take time to follow the angle of attack, CL += lift (alpha - late) with late_dot = (alpha - late)/lag. "
         "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -62,7 +61,7 @@ class LaggedLoads:
         return tuple(Probe({"lag": lag, **self.absent}, ("lift", "moment")) for lag in LAGS if lag > context.interval)
 
 
-GUARDS: tuple[Effect, ...] = (
+GUARDS: tuple[Traceable, ...] = (
     LaggedLoads(("1/rad", "1/rad"), (0.5, 0.3), ("Cm_de",)),
     LaggedLoads(("1/s", "1/s2"), (0.3, 2.0), ("M_delta",)),
 )

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.elementary import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
@@ -39,9 +40,10 @@ class PeriodicLoads:
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits(
+        per_record=True,
+        guard=True,
+    )
     explanation: ClassVar[str] = (
         "A generic term: lift and moment swing at one frequency all through the record, moment = moment_cos cos(w t) + moment_sin sin(w t) and lift "
         "alike, whatever the control and the aircraft do. No cause of the library does that. Where it explains a record better than every effect "
@@ -76,7 +78,7 @@ class PeriodicLoads:
         return tuple(Probe({"frequency": frequency, **self.absent}, tuple(self.absent)) for frequency in (*peaks, *grid))
 
 
-GUARDS: tuple[Effect, ...] = (
+GUARDS: tuple[Traceable, ...] = (
     PeriodicLoads(("1", "1"), (0.01, 0.01), ("Cm_de",)),
     PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
 )

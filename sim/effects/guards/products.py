@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,17 @@ class ProductLoads:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"lift": 0.0, "moment": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
 
     @property
     def name(self) -> str:
         return f"guard:{self.label}"
 
     @property
-    def within(self) -> tuple[str, ...]:
-        return self.aliases
+    def traits(self) -> Traits:
+        return Traits(
+            guard=True,
+            within=self.aliases,
+        )
 
     @property
     def explanation(self) -> str:
@@ -72,7 +73,7 @@ class ProductLoads:
 
 
 _CONTROL = ("control-nonlinearity",)
-GUARDS: tuple[Effect, ...] = (
+GUARDS: tuple[Traceable, ...] = (
     ProductLoads("alpha-control", "alpha_air", "elevator", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cm_de",)),
     ProductLoads("control-squared", "elevator", "elevator", ("1/rad2", "1/rad2"), (3.0, 3.0), ("Cm_de",), _CONTROL),
     ProductLoads("alpha-q", "alpha_air", "q_hat", ("1/rad2", "1/rad2"), (100.0, 100.0), ("Cm_de",)),

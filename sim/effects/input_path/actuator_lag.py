@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
+from sim.declaration.traits import Traits
 from sim.maths.elementary import each_column, linear_recurrence, real, where
 
 
@@ -32,9 +33,14 @@ class ActuatorLag:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-rate-limit")
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"time_constant": (0.0, 0.5)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the actuator follows the {control} with a lag of {time_constant}",),
+        short_name="actuator lag",
+        separating={
+            "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
+        },
+        plausible={"time_constant": (0.0, 0.5)},
+    )
     explanation: ClassVar[str] = (
         "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A step arrives as an exponential, through two thirds "
         "after one time constant, a slow input merely late by that time, a fast one late and too small. A servo valve or a command filter does "
@@ -72,4 +78,4 @@ def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
     return u - (u - y[:-1]) * (lag / h * reached)
 
 
-VARIANTS: tuple[Effect, ...] = (ActuatorLag(),)
+VARIANTS: tuple[Traceable, ...] = (ActuatorLag(),)

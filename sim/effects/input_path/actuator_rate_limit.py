@@ -9,13 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.traits import Traits
 from sim.maths.elementary import absolute, each_column, maximum
 
 UNLIMITED = 1e9
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)  # peaks of the input run through in a second: from hardly felt to always behind
+HALF_AND_TWICE = "the same maneuver at half and at twice the size: only a rate limit makes large inputs later than small ones"
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,6 @@ class ActuatorRateLimit:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A commanded step becomes a ramp whose length grows "
         "with the step, so that large inputs arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one size cannot "
@@ -54,9 +54,15 @@ class ActuatorRateLimit:
         return (Parameter("rate", self.typical, f"{self.unit}/s", bounds=(1e-6, UNLIMITED)),)
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         """Believed from a thirtieth to ten times the typical value: for an elevator from half a degree to some 170 degrees a second."""
-        return {"rate": (self.typical / 30.0, 10.0 * self.typical)}
+        return Traits(
+            sentences=("the actuator moves no faster than {rate}",),
+            short_name="actuator rate limit",
+            separating=dict.fromkeys(("input-delay", "actuator-lag"), HALF_AND_TWICE),
+            plausible={"rate": (self.typical / 30.0, 10.0 * self.typical)},
+            in_input_unit=("rate",),
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         fastest = context.input_rate.get(self.signal, 0.0)
@@ -108,4 +114,4 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     return distances
 
 
-VARIANTS: tuple[Effect, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))
+VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.traits import Traits
+from sim.effects.separating import MANY_SIZES
 from sim.maths.elementary import clip, each_column
 
 UNLIMITED = 1e9
@@ -37,8 +39,6 @@ class ActuatorSaturation:
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     aliases: ClassVar[tuple[str, ...]] = ("input-deadband", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, limit)). Below the limit nothing is different, "
         "above it more command brings no more response. It is invisible in a record that stays below the limit, and where all inputs are of one "
@@ -51,9 +51,15 @@ class ActuatorSaturation:
         return (Parameter("limit", self.typical, self.unit, bounds=(0.0, UNLIMITED)),)
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         """Believed from a tenth to ten times the typical value: for an elevator from a third of a degree to half a right angle."""
-        return {"limit": (0.1 * self.typical, 10.0 * self.typical)}
+        return Traits(
+            sentences=("the actuator stops at +-{limit}",),
+            short_name="actuator stop",
+            separating={"input-deadband": MANY_SIZES, "control-nonlinearity": MANY_SIZES},
+            plausible={"limit": (0.1 * self.typical, 10.0 * self.typical)},
+            in_input_unit=("limit",),
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"limit": size}) for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))]
@@ -69,4 +75,4 @@ class ActuatorSaturation:
         return clip(v, -p.limit, p.limit)
 
 
-VARIANTS: tuple[Effect, ...] = (ActuatorSaturation(), ActuatorSaturation("stick", "1", 0.5))
+VARIANTS: tuple[Traceable, ...] = (ActuatorSaturation(), ActuatorSaturation("stick", "1", 0.5))

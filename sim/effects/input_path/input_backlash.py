@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.traits import Traits
 from sim.maths.elementary import each_column, maximum, minimum
 
 
@@ -37,8 +38,6 @@ class InputBacklash:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "Play in a linkage: the far end y stays put until the near end has gone through the play, then follows, y = u - half_width on the way up "
         "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width before anything moves, whatever the position, so "
@@ -51,9 +50,15 @@ class InputBacklash:
         return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         """Believed up to ten times the typical value: for an elevator some degrees."""
-        return {"half_width": (0.0, 10.0 * self.typical)}
+        return Traits(
+            sentences=("the {control} has a play of +-{half_width} (hysteresis)",),
+            short_name="hysteresis",
+            separating={"input-deadband": "small slow reversals about a deflected control: a play acts there, a dead band about zero does not"},
+            plausible={"half_width": (0.0, 10.0 * self.typical)},
+            in_input_unit=("half_width",),
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"half_width": size}) for size in shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))]
@@ -82,4 +87,4 @@ def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
     return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))
 
 
-VARIANTS: tuple[Effect, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))
+VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.traits import Traits
+from sim.effects.separating import MANY_SIZES
 from sim.maths.elementary import clip, each_column
 
 
@@ -35,8 +37,6 @@ class InputDeadband:
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
     explanation: ClassVar[str] = (
         "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A break-out force at the stick, slack in a linkage that "
         "is centred by springs, or a threshold in software do this. Outside the band the vehicle answers with its full slope but by half_width too "
@@ -49,9 +49,15 @@ class InputDeadband:
         return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
+    def traits(self) -> Traits:
         """Believed up to ten times the typical value: for an elevator some degrees."""
-        return {"half_width": (0.0, 10.0 * self.typical)}
+        return Traits(
+            sentences=("the {control} {sticks} within +-{half_width} of zero (break-out)",),
+            short_name="break-out",
+            separating={"control-nonlinearity": MANY_SIZES},
+            plausible={"half_width": (0.0, 10.0 * self.typical)},
+            in_input_unit=("half_width",),
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"half_width": size}) for size in shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))]
@@ -67,4 +73,4 @@ class InputDeadband:
         return v - clip(v, -p.half_width, p.half_width)
 
 
-VARIANTS: tuple[Effect, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))
+VARIANTS: tuple[Traceable, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))

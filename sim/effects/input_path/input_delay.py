@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
+from sim.declaration.traits import Traits
 from sim.maths.elementary import each_column
 
 
@@ -36,9 +37,11 @@ class InputDelay:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "actuator-rate-limit")
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"delay": (0.0, 0.4)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("what the {control} does reaches the aircraft {delay} late",),
+        short_name="delay",
+        plausible={"delay": (0.0, 0.4)},
+    )
     explanation: ClassVar[str] = (
         "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
         "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows most "
@@ -76,4 +79,4 @@ def _shifted(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
     return at_final + np.where(k > j, excess, 0.0) / width
 
 
-VARIANTS: tuple[Effect, ...] = (InputDelay("elevator"),)
+VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"),)

@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
+from sim.declaration.traits import Traits
+from sim.effects.separating import FASTER_MOTION
 from sim.maths.elementary import trailing
 
 APERTURE = 0.001  # s; a jump that meets a sample is spread over it, as cells do for a delayed input
@@ -33,9 +35,6 @@ class SensorDelay:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"delay": (0.0, 0.5)})
     explanation: ClassVar[str] = (
         "One channel is recorded late: y_recorded(t) = y(t - delay), delay >= 0. Digital filters, buses and recorders with a clock of their own do "
         "this. The shape is untouched, only the time is wrong, and by the same amount at all frequencies; a lag of the sensor also takes amplitude "
@@ -51,6 +50,16 @@ class SensorDelay:
     @property
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-lag:{self.channel}", *_LOOKS_LIKE.get(self.channel, ()))
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is read {delay} late",),
+            short_name="delay",
+            separating={"sensor-delay": FASTER_MOTION},
+            twins=(f"sensor-lag:{self.channel}",),
+            plausible={"delay": (0.0, 0.5)},
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(context)]
@@ -89,4 +98,4 @@ def _later(steps: np.ndarray, begin: np.ndarray, end: np.ndarray, delay: Any) ->
     return np.where(inside, spread, first), np.where(inside, before - ramp, first)
 
 
-VARIANTS: tuple[Effect, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))

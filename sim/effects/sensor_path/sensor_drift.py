@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.separating import STEADY_FLIGHT
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,6 @@ class SensorDrift:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
     explanation: ClassVar[str] = (
         "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this. The "
         "deviation grows steadily whatever the maneuver, in one channel alone and against the kinematics. A trim or a speed that changes slowly "
@@ -53,8 +53,13 @@ class SensorDrift:
         return (Parameter("slope", self.typical, f"{self.unit}/s"),)
 
     @property
-    def plausible(self) -> Mapping[str, tuple[float, float]]:
-        return {"slope": (-20.0 * self.typical, 20.0 * self.typical)}
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the reading of the {channel} drifts by {slope}",),
+            separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
+            plausible={"slope": (-20.0 * self.typical, 20.0 * self.typical)},
+            per_record=True,
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"slope": 0.0}, ("slope",))]
@@ -67,7 +72,7 @@ class SensorDrift:
         return {self.channel: y[self.channel] + p.slope * (s.time - self.begin)}
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     SensorDrift("alpha", "rad", 5e-4),
     SensorDrift("q", "rad/s", 5e-4),
     SensorDrift("nz", "g", 5e-3),

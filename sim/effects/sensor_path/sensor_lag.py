@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
+from sim.declaration.traits import Traits
+from sim.effects.separating import FASTER_MOTION
 from sim.maths.elementary import linear_recurrence, real, trailing, where
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
@@ -33,9 +35,6 @@ class SensorLag:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"time_constant": (0.0, 0.5)})
     explanation: ClassVar[str] = (
         "The sensor or its filter follows the true value with a first-order lag: time_constant dy/dt = v - y. A steady value is read rightly, a "
         "ramp late by one time constant, an oscillation late and too small, the more so the faster it is. Records that hold mainly frequencies "
@@ -54,6 +53,17 @@ class SensorLag:
     @property
     def online_states(self) -> tuple[Signal, ...]:
         return (Signal(f"lagged_{self.channel}", f"unit of {self.channel}", f"{self.channel} as its sensor shows it"),)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is read with a lag of {time_constant}",),
+            grouped="the {channel} is read {time_constant} late",
+            short_name="lag",
+            separating={"sensor-lag": FASTER_MOTION, "sensor-delay": FASTER_MOTION},
+            twins=(f"sensor-delay:{self.channel}",),
+            plausible={"time_constant": (0.0, 0.5)},
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return () if self.channel == "altitude" else [Probe({"time_constant": time}) for time in late_times(context)]
@@ -82,4 +92,4 @@ class SensorLag:
         return where(real(p.time_constant) > 0, x[0], v)
 
 
-VARIANTS: tuple[Effect, ...] = tuple(SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude"))

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 
 _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -19,6 +20,9 @@ _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "altitude": ("density-scale-height",),
     }
 )
+
+SLOW_AND_QUICK = "slow pull-ups beside quick doublets, small and large: a scale is the same in all of them"
+WITH_LOAD_FACTOR = "a record with the load factor as well: kinematics then tie the channels together"
 
 
 @dataclass(frozen=True)
@@ -37,9 +41,11 @@ class SensorScale:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"scale": (0.6, 1.6)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the {channel} is read {scale_percent} {scale_direction}",),
+        separating={**dict.fromkeys(("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK), "sensor-scale": WITH_LOAD_FACTOR},
+        plausible={"scale": (0.6, 1.6)},
+    )
     explanation: ClassVar[str] = (
         "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the upwash of the fuselage reads too much, a gyro with a "
         "wrong range setting any amount. One scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join the three "
@@ -63,4 +69,4 @@ class SensorScale:
         return {self.channel: p.scale * y[self.channel]}
 
 
-VARIANTS: tuple[Effect, ...] = tuple(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude"))
+VARIANTS: tuple[Traceable, ...] = tuple(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude"))

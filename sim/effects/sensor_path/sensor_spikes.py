@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.maths.elementary import maximum, minimum, real, trailing
 
 EXPLANATION = (
@@ -74,9 +75,6 @@ class SensorSpikes:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.OUTLIER
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     explanation: ClassVar[str] = EXPLANATION
 
     @property
@@ -86,6 +84,10 @@ class SensorSpikes:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return _parameters(self.unit, self.typical)
+
+    @property
+    def traits(self) -> Traits:
+        return _traits(self.channel)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return ()
@@ -122,9 +124,6 @@ class InputSpikes:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.OUTLIER
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = True
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
     explanation: ClassVar[str] = EXPLANATION
 
     @property
@@ -134,6 +133,10 @@ class InputSpikes:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return _parameters(self.unit, self.typical)
+
+    @property
+    def traits(self) -> Traits:
+        return _traits(self.signal)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return ()
@@ -146,6 +149,18 @@ class InputSpikes:
         return trailing(u, depth) - trailing(wrong, depth)
 
 
+def _traits(channel: str) -> Traits:
+    return Traits(
+        sentences=(
+            "the reading of the {channel} has {count_spikes} of about {size}",
+            "the reading of the {channel} has spikes: {rest}",
+            "the reading of the {channel} has spikes",
+        ),
+        per_record=True,
+        wrong_samples_of=channel,
+    )
+
+
 def _parameters(unit: str, typical: float) -> tuple[Parameter, ...]:
     return (
         Parameter("size", typical, unit),
@@ -154,7 +169,7 @@ def _parameters(unit: str, typical: float) -> tuple[Parameter, ...]:
     )
 
 
-VARIANTS: tuple[Effect, ...] = (
+VARIANTS: tuple[Traceable, ...] = (
     SensorSpikes("alpha", "rad", 0.05),
     SensorSpikes("q", "rad/s", 0.05),
     SensorSpikes("nz", "g", 0.5),

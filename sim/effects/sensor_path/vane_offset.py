@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Effect, Regularity, Station
+from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+
+ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay stays"
 
 
 @dataclass(frozen=True)
@@ -26,9 +29,12 @@ class VaneOffset:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ("sensor-lag:alpha", "sensor-delay:alpha")
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({"arm": (0.0, 40.0)})
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the vane sits {arm} ahead of the centre of gravity and feels the pitch rate",),
+        short_name="vane ahead",
+        separating=dict.fromkeys(("sensor-lag", "sensor-delay"), ANOTHER_SPEED),
+        plausible={"arm": (0.0, 40.0)},
+    )
     explanation: ClassVar[str] = (
         "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
         "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
@@ -44,4 +50,4 @@ class VaneOffset:
         return {"alpha": y["alpha"] - p.arm / s.V * s.q}
 
 
-VARIANTS: tuple[Effect, ...] = (VaneOffset(),)
+VARIANTS: tuple[Traceable, ...] = (VaneOffset(),)

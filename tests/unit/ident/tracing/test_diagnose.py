@@ -12,10 +12,11 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_spikes import InputSpikes, SensorSpikes
 from sim.errors import FlightidError
 from sim.record import Channel, Record
 from sim.vehicles.short_period import ShortPeriod
@@ -23,10 +24,11 @@ from tests.bases import Flight
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, doublets, planted, problem_of, with_output, without_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
-CANDIDATES: tuple[Effect, ...] = (SensorLag("q"), SensorScale("nz"))
+SPIKES = (SensorSpikes("q", "rad/s", 0.05), InputSpikes("elevator"))
+CANDIDATES: tuple[Traceable, ...] = (SensorLag("q"), SensorScale("nz"), *SPIKES)
 
 
-def run(records: Sequence[Record], validation: Sequence[Record] = (), candidates: Sequence[Effect] = CANDIDATES) -> Diagnosis:
+def run(records: Sequence[Record], validation: Sequence[Record] = (), candidates: Sequence[Traceable] = CANDIDATES) -> Diagnosis:
     return diagnose(records, declared(), candidates, (), validation, SETTINGS)
 
 

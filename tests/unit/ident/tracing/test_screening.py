@@ -14,9 +14,10 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
-from sim.declaration.effect import Effect, Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -38,9 +39,7 @@ class ControlPower:
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"more": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits()
     explanation: ClassVar[str] = "The control is more powerful."
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -63,9 +62,7 @@ class MomentOfControlSquared:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    onset: ClassVar[str] = ""
-    per_record: ClassVar[bool] = False
-    plausible: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
+    traits: ClassVar[Traits] = Traits()
     explanation: ClassVar[str] = "The control is no straight line."
 
     @property
@@ -82,11 +79,11 @@ class MomentOfControlSquared:
         return ()
 
 
-def found(fitted: FittedModel, *effects: Effect) -> list[Finding]:
+def found(fitted: FittedModel, *effects: Traceable) -> list[Finding]:
     return screen(fitted, effects, search_context(fitted))
 
 
-def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[TraceProblem, FittedModel]:
+def root_of(effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, seed: int = 1) -> tuple[TraceProblem, FittedModel]:
     problem = problem_of([planted(effects, values, seed)])
     return problem, fit_of(problem)
 
@@ -101,7 +98,7 @@ def root_of(effects: Sequence[Effect] = (), values: Mapping[str, float] | None =
     ],
     ids=lambda item: getattr(item, "name", ""),
 )
-def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Effect, values: dict[str, float]) -> None:
+def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect: Traceable, values: dict[str, float]) -> None:
     problem, root = root_of([effect], values)
     (finding,) = found(root, effect)
     child = fit_of(problem, [effect], root, finding.starts[0])
@@ -153,7 +150,7 @@ class EveryOnset:
         return getattr(self.inner, name)
 
     def fitted_to(self, context: SearchContext) -> EveryOnset:
-        return replace(self, inner=self.inner.fitted_to(context))  # type: ignore[arg-type]
+        return replace(self, inner=self.inner.fitted_to(context))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         probes = self.inner.probes(context)
@@ -166,7 +163,7 @@ def test_a_shifted_onset_equals_its_direct_computation() -> None:
     values = {"unmeasured-input.start": 4.3, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.004, "unmeasured-input.lift": 0.0}
     _, root = root_of([effect], values)
     (shifted,) = found(root, effect)
-    width = effect.fitted_to(search_context(root)).width  # type: ignore[attr-defined]
+    width = effect.fitted_to(search_context(root)).width
     places = tuple(0.02 * k + width for k in range(0, len(root.fit.layout.problems[0].record) - 2, max(1, 501 // 60)))
     (direct,) = found(root, EveryOnset(effect, places))
     assert shifted.gain == pytest.approx(direct.gain, rel=1e-6)

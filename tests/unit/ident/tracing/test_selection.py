@@ -18,20 +18,19 @@ from ident.tracing.selection.forward import first_round, forward_selection, hope
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
 from ident.whole_record.layout import FitSettings, lay_out
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.library import find_effect
+from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Record
 from sim.truth.noise import coloured_noise
-from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, problem_of, with_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
-FEW: tuple[Effect, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
+FEW: tuple[Traceable, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
 
 
 def searched(problem: TraceProblem, root: FittedModel) -> tuple[Ledger, FittedModel]:
@@ -40,7 +39,7 @@ def searched(problem: TraceProblem, root: FittedModel) -> tuple[Ledger, FittedMo
     return forward_selection(ledger, root, first)
 
 
-def found_by(records: Sequence[Record], candidates: Sequence[Effect] = FEW) -> tuple[Ledger, FittedModel, FittedModel]:
+def found_by(records: Sequence[Record], candidates: Sequence[Traceable] = FEW) -> tuple[Ledger, FittedModel, FittedModel]:
     """A ledger, the declared model and the set that a search ends with."""
     problem = problem_of(records, candidates)
     root = fit_of(problem)
@@ -86,7 +85,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
 def test_added_states_begin_at_rest() -> None:
     problem = problem_of([planted()])
     root = fit_of(problem)
-    _, system = compiled_with(declared(), [find_effect("elastic-mode", ShortPeriod())], OUTPUTS)
+    _, system = compiled_with(declared(), [ElasticMode()], OUTPUTS)
     layout = lay_out(problem.records, system, FitSettings(max_step=0.02))
     _, guesses = carried(layout, root.values, {})
     assert guesses is not None

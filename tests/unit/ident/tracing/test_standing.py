@@ -24,8 +24,7 @@ from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from scenarios.preparation.trim import about_trim
-from sim.declaration.effect import Effect
-from sim.declaration.proposal import fitted_to
+from sim.declaration.proposal import Traceable, fitted_to
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
@@ -126,7 +125,7 @@ def test_reduction_counts_channels_alike_and_knows_its_scatter(late: Flight) -> 
     assert abs(reduction(before, shuffled).total) < 3.0 * reduction(before, shuffled).scatter + 1e-9
 
 
-def standing(effect: Effect, fitted: FittedModel, predictions: list[Fit], share: float, *, stands: bool = True) -> CrossValidation:
+def standing(effect: Traceable, fitted: FittedModel, predictions: list[Fit], share: float, *, stands: bool = True) -> CrossValidation:
     """A candidate that leaves this share of every error, with one parameter a name in ``absent``."""
     left = {
         r: replace(fit, weighted=replace(fit.weighted, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
@@ -247,7 +246,7 @@ def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
     columns[:, 1] -= 0.9 * columns[:, 0]
     residual += columns @ [0.4, 0.5]
 
-    def finding(effect: Effect, column: np.ndarray) -> Finding:
+    def finding(effect: Traceable, column: np.ndarray) -> Finding:
         along = column * (column @ residual) / (column @ column)
         share = (along @ along) / (residual @ residual)
         return Finding(effect, -150.0 * np.log1p(-share), 1, ({},), (1.0,), along)

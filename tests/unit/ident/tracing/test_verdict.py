@@ -14,7 +14,7 @@ from ident.tracing.diagnosis import Claim, Concern, Verdict
 from ident.tracing.ranking import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
-from sim.declaration.effect import Effect
+from sim.declaration.proposal import Traceable
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
@@ -38,7 +38,7 @@ def root(problem: TraceProblem) -> FittedModel:
 
 
 def found(
-    problem: TraceProblem, root: FittedModel, effects: Sequence[Effect], spikes: Sequence[Claim] = (), bad: bool = False
+    problem: TraceProblem, root: FittedModel, effects: Sequence[Traceable], spikes: Sequence[Claim] = (), bad: bool = False
 ) -> tuple[Verdict, list[Concern]]:
     """Verdict on a set of effects, where all residual tests pass or one fails."""
     best = fit_of(problem, effects, root) if effects else root

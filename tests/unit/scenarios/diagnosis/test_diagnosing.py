@@ -203,7 +203,7 @@ def test_documented_effect_joins_the_candidates(files: tuple[Path, Path, Path], 
     tracing = diagnose_files([train], "rigid", vehicle, [validate], own, trace=loop)
     assert loop.given["candidates"][-1].name == "vane-upwash"
     assert tracing.inputs.effects[0].name == "my_effects.py"
-    assert "{curvature}" in tracing.sentences["vane-upwash"] and tracing.explanations["vane-upwash"]
+    assert "{curvature}" in tracing.own["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]
     model = model_of_file(read_vehicle(vehicle, "rigid"))
     assert "vane-upwash" not in {effect.name for effect in candidates_for(model)}, "a user's effect must not stay behind"
 

@@ -14,9 +14,10 @@ from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.report.candidate_tables import candidate_rows
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
-from scenarios.diagnosis.report.wording import SENTENCES, Wording, group_sentence, parameter_text, sentence
+from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable
+from sim.declaration.traits import Traits
 from sim.effects.library import library
 from tests.diagnoses import LOES, tracing_of
 
@@ -31,8 +32,9 @@ def test_every_effect_of_the_library_has_a_sentence_of_its_own(effect) -> None:
     assert "{" not in told and not re.search(r"\bnan\b|\binf\b|[A-Z]\w*Error", told)
 
 
-def test_table_has_no_name_that_the_library_lacks() -> None:
-    assert set(SENTENCES) <= {effect.name.partition(":")[0].partition("#")[0] for effect in library()}
+def test_maneuvers_name_effects_of_the_library_only() -> None:
+    bases = {effect.name.partition(":")[0] for effect in library()}
+    assert {other for effect in TRACEABLE for other in effect.traits.separating} <= bases
 
 
 def test_numbers_stand_in_the_units_that_people_fly_with() -> None:
@@ -56,9 +58,9 @@ def test_scale_is_told_in_per_cent(scale: float, words: str) -> None:
 def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
     claim = Claim("vane-upwash", {"curvature": Quantity(2.0, 0.1, "1/rad")})
     assert sentence(claim, Wording()) == "vane-upwash acts: curvature 2.00 +- 0.10 1/rad"
-    assert sentence(claim, Wording(own={"vane-upwash": "bent by {curvature}"})) == "bent by 2.0 1/rad"
+    assert sentence(claim, Wording(own={"vane-upwash": Traits(("bent by {curvature}",))})) == "bent by 2.0 1/rad"
     for template in ("{missing}", "{", "{0}", "{curvature.x}"):
-        assert sentence(claim, Wording(own={"vane-upwash": template})).startswith("vane-upwash acts")
+        assert sentence(claim, Wording(own={"vane-upwash": Traits((template,))})).startswith("vane-upwash acts")
 
 
 def test_what_the_data_do_not_determine_is_said_in_words() -> None:

@@ -1,0 +1,53 @@
+"""What is known of an effect beside its equations: how a search treats it, and the words that reports tell it in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+GUARD = "guard:"  # what a guard's printed name begins with
+
+_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What a search and its reports ask of an effect; each file states what is special about its own.
+
+    Names of other effects in ``separating`` stand without their part after a colon: ``"sensor-lag"`` is that of every channel.
+
+    Attributes
+    ----------
+    sentences : templates in words, of which the first is taken whose parameters are all there. In braces a parameter by local name, or
+        {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but times), and of a parameter NAME_percent (its distance
+        from one), NAME_change (a share), NAME_direction, NAME_hertz. Without any the report prints the parameters.
+    grouped : the template where effects that a record cannot tell apart are told together; the sentence when empty.
+    short_name : what it is called in such a group; its name when empty.
+    separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
+    twins : names of effects that are another description of the same fault of the same sensor: never claimed side by side.
+    plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
+    in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
+    onset : local name of the time from which it acts, searched for over the record; empty where there is none.
+    per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
+        needs not act on all of them.
+    guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
+    within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
+    wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
+    recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
+    """
+
+    sentences: tuple[str, ...] = ()
+    grouped: str = ""
+    short_name: str = ""
+    separating: Mapping[str, str] = field(default_factory=lambda: _NO_MANEUVERS)
+    twins: tuple[str, ...] = ()
+    plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
+    in_input_unit: tuple[str, ...] = ()
+    onset: str = ""
+    per_record: bool = False
+    guard: bool = False
+    within: tuple[str, ...] = ()
+    wrong_samples_of: str = ""
+    recorded_as: str = ""
