@@ -102,8 +102,10 @@ def identify(
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    identify_record(record, model, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), method, out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
 
 
 @app.command()
@@ -128,8 +130,10 @@ def diagnose(
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    diagnose_records(records, model, vehicle, validate or [], effects, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan), out, figures)
 
 
 @app.command()
@@ -148,8 +152,10 @@ def check(
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    check_records(records, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)
 
 
 @app.command()

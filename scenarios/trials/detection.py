@@ -18,6 +18,7 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
 from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
 from scenarios.trials.scoring import TWINS, interval
 from sim.declaration.effect import full_name
@@ -151,7 +152,7 @@ def traced(declared: Model, true: Model, setting: Setting, rng: np.random.Genera
         vehicle = folder / "vehicle.toml"
         vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
         started = process_time()
-        tracing = diagnose_files([folder / "train.csv"], "rigid", vehicle, [folder / "validate.csv"])
+        tracing = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",)))
         return tracing.diagnosis, process_time() - started
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
 from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
 from scenarios.trials.planted.hiding import OWN, find_term
 from scenarios.trials.scoring import TWINS
@@ -187,7 +188,7 @@ def marked(paper: Paper, model: Model, rng: np.random.Generator, duration: float
         vehicle = folder / "vehicle.toml"
         vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
         started = process_time()
-        diagnosis = diagnose_files([folder / "train.csv"], "rigid", vehicle, [folder / "validate.csv"]).diagnosis
+        diagnosis = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",))).diagnosis
         seconds = process_time() - started
     return _mark(paper, model, diagnosis, seconds)
 

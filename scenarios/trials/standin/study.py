@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
+from scenarios.preparation.request import Request
 from scenarios.trials.scoring import TWINS
 from scenarios.trials.standin.declaration import Causes, StandIn
 from scenarios.trials.standin.flight import Flight, fly_standin, write_flight
@@ -76,7 +77,7 @@ def run_standin(standin: StandIn, seed: int | None = None, progress: Progress = 
 
 def diagnosed(records: Sequence[Path], vehicle: Path, progress: Progress = lambda stage, share: None) -> Tracing:
     """The loop on all records of a flight: the last one predicted, the others fitted together."""
-    return diagnose_files(records[:-1], "rigid", vehicle, records[-1:], progress=progress)
+    return diagnose_files(Request(tuple(records[:-1]), "rigid", vehicle, tuple(records[-1:])), progress)
 
 
 def scored(standin: StandIn, seed: int, flight: Flight, tracing: Tracing) -> StandInStudy:
