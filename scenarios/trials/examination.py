@@ -15,13 +15,14 @@ from time import process_time
 
 import numpy as np
 
+from ident.statistics.shares import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
 from scenarios.preparation.request import Request
 from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
 from scenarios.trials.planted.hiding import OWN, find_term
-from scenarios.trials.scoring import TWINS
+from scenarios.trials.scoring import same_fault
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.maneuvers.multisine import schroeder_multisine
@@ -212,8 +213,7 @@ def _mark(paper: Paper, model: Model, diagnosis: Diagnosis, seconds: float) -> M
 
 
 def _same(answer: str, name: str, alternatives: Sequence[str]) -> bool:
-    kind, colon, channel = answer.partition(":")
-    accepted = {answer, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {answer}
+    accepted = same_fault(answer)
     return name.partition("#")[0] in {*accepted, *(a.partition(":")[0] for a in accepted if a.startswith("elastic"))} or bool(
         accepted & set(alternatives)
     )
@@ -263,8 +263,6 @@ def _flown(
 
 def summary(marks: Sequence[Mark]) -> dict[str, float]:
     """Shares over many papers: right, wrong claims, derivatives within two standard deviations where right, and the held-out error's median."""
-    from scenarios.trials.scoring import interval
-
     count, right = len(marks), [mark for mark in marks if mark.right]
     free = [mark for mark in right if not any(OWN in name or "turbulence" in name or "spikes" in name for name in mark.paper.hidden)]
     errors = [abs(error) for mark in right if not mark.paper.outside for error in mark.errors.values()]
@@ -273,7 +271,7 @@ def summary(marks: Sequence[Mark]) -> dict[str, float]:
         "papers": float(count),
         "right": len(right) / count,
         "wrong claims": wrong / count,
-        "wrong claims, upper 95 %": interval(wrong, count)[1],
+        "wrong claims, upper 95 %": clopper_pearson(wrong, count)[1],
         "derivatives within two sigmas": float(np.mean(np.array(errors) < 2.0)) if errors else 0.0,
         "held-out error, median": float(np.median([mark.held_out for mark in free])) if free else 0.0,
         "seconds, median": float(np.median([mark.seconds for mark in marks])),

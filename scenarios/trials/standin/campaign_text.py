@@ -11,7 +11,8 @@ from scenarios.diagnosis.report.content import bounded, versions
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.terminal.plain_tables import table
-from scenarios.trials.standin.campaign import Judged, Share, by_derivative, by_effect, shares
+from scenarios.trials.scoring import Share
+from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
 from scenarios.trials.standin.declaration import StandIn
 
 _LABELS = {

@@ -12,7 +12,7 @@ from pathlib import Path
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.preparation.request import Request
-from scenarios.trials.scoring import TWINS
+from scenarios.trials.scoring import same_fault
 from scenarios.trials.standin.declaration import Causes, StandIn
 from scenarios.trials.standin.flight import Flight, fly_standin, write_flight
 
@@ -100,8 +100,7 @@ def scored(standin: StandIn, seed: int, flight: Flight, tracing: Tracing) -> Sta
 
 def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
     """Whether claims name a hidden effect; a lag and a delay of one sensor are one name."""
-    kind, colon, channel = hidden.partition(":")
-    right = {hidden, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {hidden}
+    right = same_fault(hidden)
     if any(claim.name in right for claim in claims):
         return Naming.ALONE
     return Naming.IN_GROUP if any(right & set(claim.alternatives) for claim in claims) else Naming.MISSED
