@@ -26,7 +26,7 @@ from sim.errors import DeclarationError, FlightidError, RecordError
 from sim.record import Hold
 
 PIPE = "-"
-MODELS = ("loes",)
+WATCHED = ("loes",)  # models of which a stream can be identified
 FILE_IDLE = 5.0  # s; a pipe says by itself when it ends
 REFINED_ROWS = 6000  # two and a half minutes at 40 Hz; the refinement goes over all rows some fifty times
 TOGETHER = 200  # rows that are filtered before they are written and shown: a few hundredths of a second
@@ -64,8 +64,8 @@ def watch_stream(
     refine: bool,
 ) -> None:
     """Follow the stream to its end, then print, and write where a folder is named."""
-    if model not in MODELS:
-        raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(MODELS)}")
+    if model not in WATCHED:
+        raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(WATCHED)}")
     watch = _prepared(record, vehicle, reference, channels)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)

@@ -7,8 +7,9 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.diagnosis.report.content import bounded, versions
+from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.terminal.plain_tables import table
 from scenarios.trials.scoring import Share
