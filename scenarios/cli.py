@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from scenarios.commands.arguments import each_validated
+
 # Threads of the linear algebra that NumPy may have been built with: matrices here are small, and more than one only waits for another.
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -220,7 +222,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        code = app(args=_each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
+        code = app(args=each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise
@@ -230,26 +232,3 @@ def main(arguments: list[str] | None = None) -> None:
     if arguments is None:
         gc.freeze()  # the process ends: nothing is worth the tenth of a second that a last search for garbage takes
     raise SystemExit(code if isinstance(code, int) else 0)
-
-
-def _each_validated(given: list[str]) -> list[str]:
-    """``--validate A B`` as ``--validate A --validate B``: the option takes every file up to the next option, as it is documented.
-
-    Where that would leave no record to fit, it takes one file only.
-    """
-    if given[:1] != ["diagnose"]:
-        return given
-    out, taking, fitted = [], 0, 0
-    for place, text in enumerate(given[1:], start=1):
-        option = text.startswith("-") and text != "-"
-        if not option and taking > 1:
-            out += ["--validate", text]
-            continue
-        out.append(text)
-        if option:
-            taking = 1 if text == "--validate" else 0
-        elif taking == 1:
-            taking = 2
-        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures"):
-            fitted += 1
-    return ["diagnose", *out] if fitted else given

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.schema import Quantity, positive, si
+from scenarios.studies.quantities import Quantity, positive, si
 from scenarios.trials.aircraft import AIRCRAFT
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
 from scenarios.trials.standin.dominant import KINDS as EFFECTS
