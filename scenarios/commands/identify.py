@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.record_file import RecordFile
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
 from scenarios.identification.identify import METHODS, identify
@@ -22,7 +22,7 @@ SCHEMA = "flightid/comparison/1"
 
 def identify_record(request: Request, method: str, out: Path | None, figures: bool) -> None:
     """Read, identify, write the study, print."""
-    from scenarios.files.record_file import read_record_file
+    from scenarios.files.measured.record_file import read_record_file
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
     from scenarios.preparation.plausibility import refuse_degrees, refuse_still
     from scenarios.preparation.reading import prepare
@@ -85,7 +85,7 @@ def _write(found: Identification, measured: Sequence[Record], file: RecordFile, 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
     """Refuse to put our copy of the record in the place of the user's, unless it is the same to the byte."""
-    from scenarios.files.sidecar import sidecar_path
+    from scenarios.files.measured.sidecar import sidecar_path
 
     for given in (path, sidecar_path(path)):
         ours = scratch / given.name

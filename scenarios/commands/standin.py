@@ -13,7 +13,7 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., and ``record_vehicle.toml``; the truth left out."""
     from scenarios.files.writing import write_record
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.standin.flight import fly_standin, vehicle_text
+    from scenarios.trials.standin.flights.flight import fly_standin, vehicle_text
     from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))

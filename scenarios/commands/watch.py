@@ -59,7 +59,7 @@ def watch_stream(
 
 def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None) -> Watch:
     from scenarios.files.channels import read_channel_map
-    from scenarios.files.sidecar import read_sidecar
+    from scenarios.files.measured.sidecar import read_sidecar
 
     known = read_reference(reference) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None

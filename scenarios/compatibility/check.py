@@ -12,7 +12,7 @@ from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import CHANNELS, measured_channels
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
 from scenarios.preparation.plan import Plan, Segment

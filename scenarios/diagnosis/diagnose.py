@@ -13,7 +13,7 @@ from scenarios.diagnosis.candidates import candidates_for, effects_of
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
-from scenarios.files.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.holding_out import split_off

@@ -10,9 +10,9 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.columns import Column, column_place, find_column, missing_column, named_otherwise
-from scenarios.files.record_file import RecordFile, read_record_file
-from scenarios.files.tables import Numbers, Table, numbers
+from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
+from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.tables import Numbers, Table, numbers
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.record_file import RecordFile
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold

@@ -10,7 +10,7 @@ from typing import Any
 from scenarios.diagnosis.report.content import bounded, positive
 from scenarios.files.versions import versions
 from scenarios.trials.folder import write_trial
-from scenarios.trials.standin.flight import Flight, write_flight
+from scenarios.trials.standin.flights.flight import Flight, write_flight
 from scenarios.trials.standin.study import StandInStudy
 
 

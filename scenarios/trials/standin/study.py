@@ -14,7 +14,7 @@ from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.preparation.request import Request
 from scenarios.trials.scoring import same_fault
 from scenarios.trials.standin.declaration import Causes, StandIn
-from scenarios.trials.standin.flight import Flight, fly_standin, write_flight
+from scenarios.trials.standin.flights.flight import Flight, fly_standin, write_flight
 
 Progress = Callable[[str, float], None]
 

@@ -14,7 +14,7 @@ from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.record_file import RecordFile
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.request import Request

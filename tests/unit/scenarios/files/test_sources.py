@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.record_file import read_record_file, refuse_twice
+from scenarios.files.measured.record_file import read_record_file, refuse_twice
 from scenarios.files.records import read_record
 from scenarios.files.sources import read_source
 from scenarios.files.vehicles import MODELS, read_any_vehicle, read_vehicle

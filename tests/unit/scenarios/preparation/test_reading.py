@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.record_file import read_record_files
+from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.records import read_record
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.interpreting import held_by_computer, linear_by

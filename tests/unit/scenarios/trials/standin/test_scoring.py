@@ -20,9 +20,9 @@ from scenarios.trials.standin import campaign, schema, study
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, fly_standin_campaign, shares, worsened
 from scenarios.trials.standin.campaign_text import campaign_text
 from scenarios.trials.standin.declaration import Causes
-from scenarios.trials.standin.drawing import Dominant, draw, hiding
-from scenarios.trials.standin.flight import Flight
-from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.flights.drawing import Dominant, draw, hiding
+from scenarios.trials.standin.flights.flight import Flight
+from scenarios.trials.standin.flights.flying import fly_drawn
 from scenarios.trials.standin.schema import standin_of
 from scenarios.trials.standin.study import Naming, StandInStudy, acts, naming, scored
 from scenarios.trials.standin.text import standin_text

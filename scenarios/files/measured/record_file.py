@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.files.sidecar import Sidecar, read_sidecar
+from scenarios.files.measured.sidecar import Sidecar, read_sidecar
+from scenarios.files.measured.tables import Table, table_of
 from scenarios.files.sources import InputFile, read_source
-from scenarios.files.tables import Table, table_of
 from sim.errors import RecordError
 
 
