@@ -25,7 +25,7 @@ UNUSED = ("aileron", "roll_rate", "engine_speed", "fuel")  # beside elevator, al
 def fly_flight(folder: Path) -> tuple[list[Path], Path, Path]:
     """Records to fit, record held out and vehicle file of a stand-in for a measured flight."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.standin.flight import fly_standin, write_flight
+    from scenarios.trials.standin.flights.flight import fly_standin, write_flight
     from scenarios.trials.standin.schema import standin_of
 
     folder.mkdir()

@@ -25,12 +25,14 @@ import numpy as np
 from ident.banks.bank import run_bank
 from ident.banks.delays import DELAYS
 from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
-from scenarios.commands.watch import TOGETHER, _pieces, _prepared, _rows_in, _session, _Show, _written
+from scenarios.commands.watch import _prepared, _written
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order_filter import PAPER_START, loes_filter_system
 from scenarios.watching.history import History
 from scenarios.watching.lines import growing_file, lines_of
 from scenarios.watching.session import take
+from scenarios.watching.show import Show
+from scenarios.watching.stream import TOGETHER, pieces, rows_in, session_of
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import three_two_one_one
@@ -71,13 +73,13 @@ def follow(record: Record) -> float:
     with tempfile.TemporaryDirectory() as folder, open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
         path, _ = write_record(folder, record)
         watch, begun = _prepared(str(path), None, None, None), 0.0
-        show = _Show(watch)
+        show = Show(watch)
         with growing_file(path, until_end=True) as read, History(Path(folder)) as history:
             for came in lines_of(read, None, "stream"):
-                came_in = _rows_in(watch, came)
-                for piece in _pieces(watch.session, came_in):
-                    steps = take(_session(watch), piece)
-                    _written(history, _session(watch), steps)
+                came_in = rows_in(watch, came)
+                for piece in pieces(watch.session, came_in):
+                    steps = take(session_of(watch), piece)
+                    _written(history, session_of(watch), steps)
                     show(steps)
                     begun = begun or (time.process_time() if steps else 0.0)
             return time.process_time() - begun

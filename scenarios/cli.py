@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from scenarios.commands.arguments import each_validated
+
 # Threads of the linear algebra that NumPy may have been built with: matrices here are small, and more than one only waits for another.
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -102,8 +104,10 @@ def identify(
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    identify_record(record, model, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), method, out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
 
 
 @app.command()
@@ -128,8 +132,10 @@ def diagnose(
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    diagnose_records(records, model, vehicle, validate or [], effects, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan), out, figures)
 
 
 @app.command()
@@ -148,8 +154,10 @@ def check(
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
     from scenarios.preparation.plan import plan_of
+    from scenarios.preparation.request import Request
 
-    check_records(records, vehicle, channels, plan_of(start, stop, hold, rate, lowpass), out, figures)
+    plan = plan_of(start, stop, hold, rate, lowpass)
+    check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)
 
 
 @app.command()
@@ -214,7 +222,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        code = app(args=_each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
+        code = app(args=each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise
@@ -224,26 +232,3 @@ def main(arguments: list[str] | None = None) -> None:
     if arguments is None:
         gc.freeze()  # the process ends: nothing is worth the tenth of a second that a last search for garbage takes
     raise SystemExit(code if isinstance(code, int) else 0)
-
-
-def _each_validated(given: list[str]) -> list[str]:
-    """``--validate A B`` as ``--validate A --validate B``: the option takes every file up to the next option, as it is documented.
-
-    Where that would leave no record to fit, it takes one file only.
-    """
-    if given[:1] != ["diagnose"]:
-        return given
-    out, taking, fitted = [], 0, 0
-    for place, text in enumerate(given[1:], start=1):
-        option = text.startswith("-") and text != "-"
-        if not option and taking > 1:
-            out += ["--validate", text]
-            continue
-        out.append(text)
-        if option:
-            taking = 1 if text == "--validate" else 0
-        elif taking == 1:
-            taking = 2
-        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures"):
-            fitted += 1
-    return ["diagnose", *out] if fitted else given

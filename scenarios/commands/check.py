@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.text import print_check
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.request import Request
 
 
-def check_records(
-    records: Sequence[Path],
-    vehicle: Path | None,
-    channels: Path | None,
-    plan: Plan,
-    out: Path | None,
-    figures: bool,
-) -> None:
+def check_records(request: Request, out: Path | None, figures: bool) -> None:
     """Read, check, write the study, print."""
-    found = check_files(records, vehicle, channels, plan)
+    found = check_files(request)
     if out is not None:
         from scenarios.compatibility.files import write_check
 

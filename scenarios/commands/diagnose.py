@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,20 +9,10 @@ from scenarios.diagnosis.report.figure_process import figure_process
 from scenarios.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
-    from scenarios.preparation.plan import Plan
+    from scenarios.preparation.request import Request
 
 
-def diagnose_records(
-    records: Sequence[Path],
-    model: str,
-    vehicle: Path | None,
-    validate: Sequence[Path],
-    effects: Path | None,
-    channels: Path | None,
-    plan: Plan,
-    out: Path | None,
-    figures: bool,
-) -> None:
+def diagnose_records(request: Request, out: Path | None, figures: bool) -> None:
     """Read, trace, write the study, print."""
     with figure_process(figures and out is not None) as process, progress_bar() as progress:
         # Loaded while the second process already starts.
@@ -31,7 +20,7 @@ def diagnose_records(
         from scenarios.diagnosis.report.text import diagnosis_text
         from scenarios.terminal.plain_tables import terminal_width
 
-        tracing = diagnose_files(records, model, vehicle, validate, effects, channels, plan, progress)
+        tracing = diagnose_files(request, progress)
         if out is not None:
             from scenarios.diagnosis.report.files import write_diagnosis
 

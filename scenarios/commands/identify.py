@@ -2,65 +2,56 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
 from scenarios.identification.identify import METHODS, identify
 from scenarios.identification.result import Identification
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.request import Request, column_choices
 from scenarios.studies.comparison import estimate_content
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
 SCHEMA = "flightid/comparison/1"
-MODELS = ("ballistic", "rigid", "flexible", "loes")
 
 
-def identify_record(
-    path: Path,
-    model: str,
-    vehicle_path: Path,
-    channels: Path | None,
-    plan: Plan,
-    method: str,
-    out: Path | None,
-    figures: bool,
-) -> None:
+def identify_record(request: Request, method: str, out: Path | None, figures: bool) -> None:
     """Read, identify, write the study, print."""
-    from scenarios.files.channels import read_channel_map
-    from scenarios.files.vehicles import read_vehicle
+    from scenarios.files.measured.record_file import read_record_file
+    from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
     from scenarios.preparation.plausibility import refuse_degrees, refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
 
-    if model not in MODELS:
-        raise DeclarationError(f"there is no model {model!r}", where="--model", remedy=f"use one of {', '.join(MODELS)}")
+    refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    vehicle = read_vehicle(vehicle_path, model)
-    choices = read_channel_map(channels) if channels is not None else None
+    assert request.vehicle is not None
+    vehicle = read_vehicle(request.vehicle, request.model)
+    choices = column_choices(request)
+    file = read_record_file(request.records[0])
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
-    own = model == "loes" and method == "ekf"
-    ready = prepare([path], model_of_file(vehicle), plan, choices, flow=not own)
+    own = request.model == "loes" and method == "ekf"
+    ready = prepare([file], model_of_file(vehicle), request.plan, choices, flow=not own)
     refuse_degrees(ready.fitted)
     refuse_still(ready.fitted, ready.model)
     first, *others = ready.measured if own else ready.fitted
     found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes, doubts=ready.doubts)
     if out is not None:
-        _write(found, ready.measured, path, out, figures)
+        _write(found, ready.measured, file, out, figures)
     _print(found)
     if out is not None:
         print(f"written to {out}")
 
 
-def identification_content(found: Identification, path: Path) -> dict[str, Any]:
+def identification_content(found: Identification, file: InputFile) -> dict[str, Any]:
     """Content of ``comparison.json`` for a measured record: no ``true``, no ``published``."""
     content = estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return {
         "schema": SCHEMA,
         "scenario": "identify",
@@ -72,29 +63,29 @@ def identification_content(found: Identification, path: Path) -> dict[str, Any]:
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
         "warnings": list(found.doubts),
         "notes": list(found.notes),
-        "inputs": {"records": [path.name], "sha256": [digest]},
+        "inputs": {"records": [file.name], "sha256": [file.sha256]},
         "versions": versions(),
     }
 
 
-def _write(found: Identification, measured: Sequence[Record], path: Path, out: Path, figures: bool) -> None:
+def _write(found: Identification, measured: Sequence[Record], file: RecordFile, out: Path, figures: bool) -> None:
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import write_json, write_record
 
     with study_folder(out, "comparison.json") as scratch:
         for number, record in enumerate(measured, start=1):
             write_record(scratch, record, "record" if number == 1 else f"record_{number}")
-        _spare_inputs(scratch, out, path)
+        _spare_inputs(scratch, out, file.path)
         if figures:
             from scenarios.identification.figures import draw_identification
 
             draw_identification(found, measured[0], scratch)
-        write_json(scratch / "comparison.json", identification_content(found, path))
+        write_json(scratch / "comparison.json", identification_content(found, file.identity))
 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
     """Refuse to put our copy of the record in the place of the user's, unless it is the same to the byte."""
-    from scenarios.files.sidecar import sidecar_path
+    from scenarios.files.measured.sidecar import sidecar_path
 
     for given in (path, sidecar_path(path)):
         ours = scratch / given.name

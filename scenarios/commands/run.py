@@ -3,18 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.commands.failures import named_after
-from scenarios.commands.standin import simulate_standin, standin_runner
+from scenarios.commands.standin import simulate_standin
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
     from sim.record import Record
 
-# Seed, folder and whether figures are drawn.
-Run = Callable[[int | None, Path | None, bool], None]
+Progress = Callable[[str, float], None]
+
+
+class Write(Protocol):
+    """Writes a study into a folder, whole or not at all."""
+
+    def __call__(self, study: Any, folder: Path, /, *, figures: bool) -> object: ...
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
+
+    ``page``: its folder holds a page to begin with, and it takes long enough for a bar of progress.
+    """
+
+    run: Callable[[int | None, Progress], Any]
+    write: Write
+    show: Callable[[Any], None]
+    page: bool = False
 
 
 def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
@@ -24,94 +45,92 @@ def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, chan
     shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
     kinds = [scenario_kind(name) for name in names]
     _refuse_same_names(shorts)
-    runs = [_RUNNERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
-    for short, run in zip(shorts, runs, strict=True):
-        run(seed, None if out is None else out if len(runs) == 1 else out / short, figures)
+    runners = [_LOADERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
+    for name, short, runner in zip(names, shorts, runners, strict=True):
+        _run(runner, name, seed, None if out is None else out if len(runners) == 1 else out / short, figures)
 
 
-def _identification(name: str, changes: Sequence[str]) -> Run:
-    """An identification that is loaded and can be run."""
-    from scenarios.studies.catalogue import load_scenario, scenario_file
+def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: bool) -> None:
+    """Run, write where a folder is named, print."""
+    from scenarios.studies.catalogue import scenario_file
+    from scenarios.terminal.progress import progress_bar
+
+    with named_after(scenario_file(name)), progress_bar() if runner.page else nullcontext(_untold) as progress:
+        study = runner.run(seed, progress)
+    if folder is not None:
+        runner.write(study, folder, figures=figures)
+    runner.show(study)
+    if folder is not None:
+        print(f"written to {folder}; begin with {folder / 'report.html'}" if runner.page else f"written to {folder}")
+
+
+def _untold(stage: str, share: float) -> None:
+    """Progress of what is done before a bar could be read."""
+
+
+def _identification(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import load_scenario
+    from scenarios.studies.comparison import check_display
+    from scenarios.studies.files import write_study
+    from scenarios.studies.study import Study, run_scenario
+    from scenarios.studies.text import print_study
 
     scenario = load_scenario(name, changes)
 
-    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.studies.comparison import check_display
-        from scenarios.studies.study import run_scenario
-        from scenarios.studies.text import print_study
-        from scenarios.terminal.numbers import console
+    def run(seed: int | None, progress: Progress) -> Study:
+        study = run_scenario(scenario, seed)
+        check_display(study)
+        return study
 
-        terminal = console()
-        with named_after(scenario_file(name)):
-            study = run_scenario(scenario, seed)
-            check_display(study)
-        if folder is not None:
-            from scenarios.studies.files import write_study
-
-            write_study(study, folder, figures=figures)
-        print_study(study, terminal)
-        if folder is not None:
-            terminal.print(f"written to {folder}", highlight=False)
-
-    return run
+    return Runner(run, write_study, print_study)
 
 
-def _trace(name: str, changes: Sequence[str]) -> Run:
-    """A tracing scenario that is loaded and can be run."""
-    from scenarios.studies.catalogue import load_document, scenario_file
+def _trace(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.planted.files import write_trace
     from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.study import run_trace
+    from scenarios.trials.planted.text import trace_text
 
-    scenario = trace_scenario_of(*load_document(name, changes))
-
-    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.terminal.plain_tables import terminal_width
-        from scenarios.terminal.progress import progress_bar
-        from scenarios.trials.planted.study import run_trace
-        from scenarios.trials.planted.text import trace_text
-
-        with named_after(scenario_file(name)), progress_bar() as progress:
-            study = run_trace(scenario, seed, progress)
-        if folder is not None:
-            from scenarios.trials.planted.files import write_trace
-
-            write_trace(study, folder, figures=figures)
-        print(trace_text(study, terminal_width()), end="")
-        if folder is not None:
-            print(f"written to {folder}; begin with {folder / 'report.html'}")
-
-    return run
+    run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
+    return Runner(run, write_trace, _printed(trace_text), page=True)
 
 
-def _loop(name: str, changes: Sequence[str]) -> Run:
-    """A closed-loop scenario that is loaded and can be run."""
-    from scenarios.studies.catalogue import scenario_file
-    from scenarios.x29.study import loop_scenario
+def _standin(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.standin.files import write_standin
+    from scenarios.trials.standin.schema import standin_of
+    from scenarios.trials.standin.study import run_standin
+    from scenarios.trials.standin.text import standin_text
+
+    run = partial(run_standin, standin_of(*load_document(name, changes)))
+    return Runner(run, write_standin, _printed(standin_text), page=True)
+
+
+def _loop(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.x29.files import write_loop
+    from scenarios.x29.printing import print_loop
+    from scenarios.x29.study import loop_scenario, run_loop
 
     scenario = loop_scenario(name, changes)
-
-    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.terminal.numbers import console
-        from scenarios.x29.printing import print_loop
-        from scenarios.x29.study import run_loop
-
-        terminal = console()
-        with named_after(scenario_file(name)):
-            study = run_loop(scenario, seed)
-        if folder is not None:
-            from scenarios.x29.files import write_loop
-
-            write_loop(study, folder, figures=figures)
-        print_loop(study, terminal)
-        if folder is not None:
-            terminal.print(f"written to {folder}", highlight=False)
-
-    return run
+    return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, print_loop)
 
 
-_RUNNERS: Mapping[str, Callable[[str, Sequence[str]], Run]] = {
+def _printed(text: Callable[[Any, int], str]) -> Callable[[Any], None]:
+    """Prints a study's text as wide as the terminal is."""
+
+    def show(study: Any) -> None:
+        from scenarios.terminal.plain_tables import terminal_width
+
+        print(text(study, terminal_width()), end="")
+
+    return show
+
+
+_LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
     "identification": _identification,
     "trace": _trace,
-    "standin": standin_runner,
+    "standin": _standin,
     "x29": _loop,
 }
 

@@ -1,45 +1,19 @@
-"""`flightid run`, `simulate` and `campaign` of stand-ins for measured flights."""
+"""`flightid simulate` and `campaign` of stand-ins for measured flights."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.commands.failures import named_after
-
-
-def standin_runner(name: str, changes: Sequence[str]) -> Callable[[int | None, Path | None, bool], None]:
-    """A stand-in that is loaded and can be run."""
-    from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.standin.schema import standin_of
-
-    standin = standin_of(*load_document(name, changes))
-
-    def run(seed: int | None, folder: Path | None, figures: bool) -> None:
-        from scenarios.terminal.plain_tables import terminal_width
-        from scenarios.terminal.progress import progress_bar
-        from scenarios.trials.standin.study import run_standin
-        from scenarios.trials.standin.text import standin_text
-
-        with named_after(scenario_file(name)), progress_bar() as progress:
-            study = run_standin(standin, seed, progress)
-        if folder is not None:
-            from scenarios.trials.standin.files import write_standin
-
-            write_standin(study, folder, figures=figures)
-        print(standin_text(study, terminal_width()), end="")
-        if folder is not None:
-            print(f"written to {folder}; begin with {folder / 'report.html'}")
-
-    return run
 
 
 def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
     """Write all records: ``record.csv`` asked for gives ``record_1.csv``, ``record_2.csv`` ..., and ``record_vehicle.toml``; the truth left out."""
     from scenarios.files.writing import write_record
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.standin.flight import fly_standin, vehicle_text
+    from scenarios.trials.standin.flights.flight import fly_standin, vehicle_text
     from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))

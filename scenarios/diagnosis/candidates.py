@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from scenarios.files.sources import Source, read_source
 from sim.declaration.effect import Signal
 from sim.declaration.model import Containing, Model
 from sim.declaration.proposal import Traceable
@@ -31,19 +32,24 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
 
 
 def read_effects(path: str | Path, model: Model) -> tuple[Traceable, ...]:
-    """The effects of a user's Python file that can act on a model: its ``EFFECTS``, else its ``VARIANTS``.
+    """The effects of a user's Python file that can act on a model, as ``effects_of``. Raises DeclarationError, also where there is no such file."""
+    return effects_of(read_source(path, DeclarationError, "a Python file"), model)
+
+
+def effects_of(source: Source, model: Model) -> tuple[Traceable, ...]:
+    """The effects of a Python file that was read: its ``EFFECTS``, else its ``VARIANTS``, those that can act on a model.
 
     The file is run, once, as any Python program is: only a file that the user names comes here.
 
     Raises
     ------
-    DeclarationError : no such file, an error in it (with its line), no effects in it, an effect that lacks an attribute or has
+    DeclarationError : no Python file, an error in it (with its line), no effects in it, an effect that lacks an attribute or has
         the name of one in the library, or none that can act on this model.
     """
     from sim.effects.library import applies, library
 
-    where = str(path)
-    module = _run(Path(path))
+    where = str(source.path)
+    module = _run(source)
     effects = getattr(module, "EFFECTS", getattr(module, "VARIANTS", None))
     if not isinstance(effects, tuple | list) or not effects:
         raise DeclarationError("it offers no effect", where=where, remedy="define EFFECTS, a tuple of effects, at its top level")
@@ -89,21 +95,17 @@ def _former_traits(effect: Any) -> Traits:
     return Traits(sentences, plausible=effect.plausible, onset=effect.onset, per_record=bool(effect.per_record))
 
 
-def _run(path: Path) -> ModuleType:
-    where = str(path)
-    if path.is_dir():
-        raise DeclarationError("this is a folder", where=where, remedy="name a Python file in it")
-    if not path.is_file():
-        raise DeclarationError("there is no such file", where=where, remedy="check the path")
+def _run(source: Source) -> ModuleType:
+    path, where = source.path, str(source.path)
     if path.suffix != ".py":
         raise DeclarationError("this is no Python file", where=where, remedy="name a file that ends in .py")
     name = f"flightid_effects_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their own module up
     try:
-        spec.loader.exec_module(module)
+        exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)  # these bytes were hashed
     except FlightidError as error:
         raise DeclarationError(str(error), where=f"{where}{_line(error, path)}", remedy="mend that place") from None
     except Exception as error:  # the file is a user's, and anything may be wrong with it

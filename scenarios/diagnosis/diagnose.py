@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
 from ident.tracing.settings import TraceSettings
-from scenarios.diagnosis.candidates import candidates_for, read_effects
+from scenarios.diagnosis.candidates import candidates_for, effects_of
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
-from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.sources import InputFile, read_source
+from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.holding_out import split_off
-from scenarios.preparation.plan import Plan
+from scenarios.preparation.plan import WHOLE, Plan
+from scenarios.preparation.request import Request, column_choices
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -24,11 +26,10 @@ from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
 if TYPE_CHECKING:
+    from scenarios.files.channels import ColumnChoice
     from scenarios.preparation.reading import Prepared
 
 KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
-MODELS = ("ballistic", "rigid", "flexible", "loes")
-BESIDE = "vehicle.toml"
 
 
 class Trace(Protocol):
@@ -45,14 +46,6 @@ class Trace(Protocol):
         progress: Callable[[str, float], None],
         witness: Witness,
     ) -> Diagnosis: ...
-
-
-@dataclass(frozen=True)
-class InputFile:
-    """A file that a diagnosis rests on: its bare name and the SHA-256 of its content."""
-
-    name: str
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -94,76 +87,70 @@ class Tracing:
         return next((channel.unit for channel in self.records[0].inputs if channel.name == STICK), "")
 
 
-def diagnose_files(
-    records: Sequence[Path],
-    model: str,
-    vehicle: Path | None = None,
-    validate: Sequence[Path] = (),
-    effects: Path | None = None,
-    channels: Path | None = None,
-    plan: Plan | None = None,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
-    trace: Trace | None = None,
-) -> Tracing:
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """Everything that was read for a request, each file once."""
+
+    vehicle: VehicleFile
+    choices: Mapping[str, ColumnChoice] | None
+    records: tuple[RecordFile, ...]
+    validation: tuple[RecordFile, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """What the loop is given of the records, and which files that is: ``fitted`` and ``validation`` hold their names and hashes."""
+
+    model: Model
+    records: tuple[Record, ...]
+    predicted: tuple[Record, ...]
+    fitted: tuple[InputFile, ...]
+    validation: tuple[InputFile, ...]
+    held_out_from: float | None
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def diagnose_files(request: Request, progress: Callable[[str, float], None] = lambda stage, share: None, trace: Trace | None = None) -> Tracing:
     """Read everything, run the loop, and return its result with what went in.
 
     Parameters
     ----------
-    records : files that are fitted. model : one of ``MODELS``.
-    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
-    validate : files that are predicted, whole. Without any, the last of several records is held out, and the last part of a single one
-        (``split_off``).
-    effects : a user's Python file; it is run.
-    channels : a channel map, for all records.
-    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared; None: whole, as the data say.
+    request : the files and how they are read. Without any to validate on, the last of several records is held out, and the last part of
+        a single one (``split_off``).
     progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
     ------
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
-    from scenarios.preparation.plausibility import refuse_degrees, refuse_still, refuse_unpredictable
-    from scenarios.preparation.vehicle_model import model_of_file
     from sim.effects.library import guards_for
 
-    if model not in MODELS:
-        raise DeclarationError(f"there is no model {model!r}", where="--model", remedy=f"use one of {', '.join(MODELS)}")
-    _refuse_twice([*records, *validate])
-    vehicle_path = _vehicle_path(vehicle, records[0], model)
+    refuse_unknown_model(request.model, "--model")
+    refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
+    vehicle_path = _vehicle_path(request)
     progress("reading", 0.0)
-    declared = read_vehicle(vehicle_path, model)
-    full = model_of_file(declared).with_noise(Noise())
-    plan = plan or Plan()
-    ready = _read(records, validate, full, channels, plan)
-    whole, predicted, notes = ready.fitted, ready.validation, ready.notes
-    full = ready.model.with_biases(_biased(ready.model, whole))
-    own = read_effects(effects, full) if effects is not None else ()
-    fitted, held_out_from, files = whole, None, (records, validate)
-    if not validate:
-        split = split_off(whole, full)
-        fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
-        if held_out_from is None and len(plan.segments) == 1:
-            files = (records[:-1], records[-1:])
-    refuse_degrees((*whole, *ready.validation))
-    refuse_still(whole, full)
-    refuse_unpredictable(ready.validation, full)
-    candidates = candidates_for(full, own)
+    opened = _open(request, vehicle_path)
+    posed = _posed(opened, request.plan)
+    own, of_effects = _own_effects(request.effects, posed.model)
+    candidates = candidates_for(posed.model, own)
+    witness = _witness(opened, request.plan)
     run = trace or _loop()
-    checked = [*records, *(validate if plan.segments == Plan().segments else ())]
-    witness = KinematicWitness((lambda: kinematics_of_files(checked, declared, channels, plan)) if declared.model in KINEMATIC else None)
-    diagnosis = run(fitted, full, candidates, guards_for(full.equations), predicted, TraceSettings(), progress, witness)
+    guards = guards_for(posed.model.equations)
+    diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
+    assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,
-        declared,
-        full,
-        fitted,
-        predicted,
-        Inputs(_named(files[0]), _named(files[1]), _named([vehicle_path])[0], _named([effects] if effects is not None else [])),
-        held_out_from,
+        opened.vehicle,
+        posed.model,
+        posed.records,
+        posed.predicted,
+        Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects),
+        posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: effect.traits for effect in own},
-        notes,
-        ready.doubts,
+        posed.notes,
+        posed.doubts,
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
     )
@@ -175,11 +162,37 @@ def _loop() -> Trace:
     return diagnose
 
 
-def _read(records: Sequence[Path], validate: Sequence[Path], model: Model, channels: Path | None, plan: Plan) -> Prepared:
-    from scenarios.files.channels import read_channel_map
+def _open(request: Request, vehicle: Path) -> _Opened:
+    """Vehicle, channel map and records, in this order; a fault of the first is told first."""
+    declared = read_vehicle(vehicle, request.model)
+    choices = column_choices(request)
+    return _Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate))
+
+
+def _posed(opened: _Opened, plan: Plan) -> _Posed:
+    """Records prepared for the declared model with its biases, something held out; refused where they cannot tell anything."""
+    from scenarios.preparation.plausibility import refuse_degrees, refuse_still, refuse_unpredictable
+    from scenarios.preparation.vehicle_model import model_of_file
+
+    ready = _ready(opened, model_of_file(opened.vehicle).with_noise(Noise()), plan)
+    whole, predicted, notes, held_out_from = ready.fitted, ready.validation, ready.notes, None
+    model = ready.model.with_biases(_biased(ready.model, whole))
+    fitted, files = whole, (opened.records, opened.validation)
+    if not opened.validation:
+        split = split_off(whole, model)
+        fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
+        if held_out_from is None and len(plan.segments) == 1:
+            files = (opened.records[:-1], opened.records[-1:])
+    refuse_degrees((*whole, *ready.validation))
+    refuse_still(whole, model)
+    refuse_unpredictable(ready.validation, model)
+    return _Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts)
+
+
+def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:
     from scenarios.preparation.reading import prepare
 
-    ready = prepare(records, model, plan, read_channel_map(channels) if channels is not None else None, validate)
+    ready = prepare(opened.records, model, plan, opened.choices, opened.validation)
     _same_stick([*ready.fitted, *ready.validation])
     measured = {name for record in ready.fitted for name in record.output_names}
     for record in ready.validation:
@@ -188,6 +201,22 @@ def _read(records: Sequence[Path], validate: Sequence[Path], model: Model, chann
             what = f"none of the fitted channels ({known}) is measured here"
             raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
     return ready
+
+
+def _witness(opened: _Opened, plan: Plan) -> KinematicWitness:
+    """The check of the kinematics on the files that were read; those to be predicted take part where no segments are cut."""
+    if opened.vehicle.model not in KINEMATIC:
+        return KinematicWitness(None)
+    files = [*opened.records, *(opened.validation if plan.segments == WHOLE else ())]
+    return KinematicWitness(lambda: kinematics_of_files(files, opened.vehicle, opened.choices, plan))
+
+
+def _own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
+    """A user's effects that can act on the model, and the file that they came from."""
+    if path is None:
+        return (), ()
+    source = read_source(path, DeclarationError, "a Python file")
+    return effects_of(source, model), (source.identity,)
 
 
 def _same_stick(records: Sequence[Record]) -> None:
@@ -211,23 +240,10 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
     return [signal.name for signal in model.equations.outputs if signal.name in measured and signal.name != "altitude"]
 
 
-def _vehicle_path(vehicle: Path | None, record: Path, model: str) -> Path:
-    if vehicle is not None:
-        return vehicle
-    beside = record.parent / BESIDE
-    if not beside.is_file():
-        what = f"the {model} model needs constants and starting values"
-        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {record.name}")
-    return beside
-
-
-def _refuse_twice(paths: Sequence[Path]) -> None:
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            raise RecordError("the record is named twice", where=str(path), remedy="name each record once, for the fit or for --validate")
-        seen.add(path.resolve())
-
-
-def _named(paths: Sequence[Path]) -> tuple[InputFile, ...]:
-    return tuple(InputFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths)
+def _vehicle_path(request: Request) -> Path:
+    first = request.records[0]
+    chosen = request.vehicle if request.vehicle is not None else vehicle_beside(first)
+    if chosen is None:
+        what = f"the {request.model} model needs constants and starting values"
+        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {first.name}")
+    return chosen

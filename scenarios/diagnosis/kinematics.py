@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
@@ -15,6 +14,8 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 if TYPE_CHECKING:
+    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.measured.record_file import RecordFile
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan
 
@@ -45,27 +46,27 @@ class Agreement:
     sentence: str
 
 
-def kinematics_of_files(paths: Sequence[Path], vehicle: VehicleFile, channels: Path | None = None, plan: Plan | None = None) -> Kinematics:
+def kinematics_of_files(
+    files: Sequence[RecordFile], vehicle: VehicleFile, choices: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None
+) -> Kinematics:
     """What ``flightid check`` says of the first files that measure alpha, q and nz, up to about ``ENOUGH`` samples; never raised, but told.
 
-    Every channel that the kinematics know is used as it is recorded: theta, ax, airspeed or dynamic pressure too. ``channels``: a channel
+    Every channel that the kinematics know is used as it is recorded: theta, ax, airspeed or dynamic pressure too. ``choices``: a channel
     map. ``plan``: segments of all files, and how they are prepared; None: whole.
     """
     from scenarios.compatibility.check import record_to_check, settings_of
-    from scenarios.files.channels import read_channel_map
     from scenarios.preparation.plan import Plan
 
     plan = plan or Plan()
     try:
-        choices = read_channel_map(channels) if channels is not None else None
-        records = (record_to_check(path, segment, plan, choices, vehicle)[0] for path in paths for segment in plan.segments)
+        records = (record_to_check(file, segment, plan, choices, vehicle)[0] for file in files for segment in plan.segments)
         return kinematics_of(records, settings_of(vehicle))
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))
 
 
 def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) -> Kinematics:
-    """Check the first records that measure alpha, q and nz, up to about ``ENOUGH`` samples, beyond which none is even read.
+    """Check the first records that measure alpha, q and nz, up to about ``ENOUGH`` samples, beyond which none is even prepared.
 
     A check that fails is told, never raised.
     """

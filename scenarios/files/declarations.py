@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from scenarios.files.sources import Source, read_source
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -27,21 +28,25 @@ _ORDER = ("extra_forbidden", "missing")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The content of a TOML file.
+    """The content of a TOML file. Raises DeclarationError where it is missing, unreadable, or as ``toml_of`` says."""
+    return toml_of(read_toml_source(path))
+
+
+def read_toml_source(path: str | Path) -> Source:
+    """A TOML file as it stands. Raises DeclarationError where it is missing or unreadable."""
+    return read_source(path, DeclarationError, "a TOML file")
+
+
+def toml_of(source: Source) -> dict[str, Any]:
+    """The content of a TOML file that was read.
 
     Raises
     ------
-    DeclarationError : the file is missing, unreadable, not UTF-8, or not TOML (with line and column).
+    DeclarationError : it is not UTF-8, or not TOML (with line and column).
     """
-    where = str(path)
+    where = str(source.path)
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
-    except FileNotFoundError:
-        raise DeclarationError("there is no such file", where=where, remedy="check the path") from None
-    except IsADirectoryError:
-        raise DeclarationError("this is a folder", where=where, remedy="name a TOML file in it") from None
-    except OSError as error:
-        raise DeclarationError(f"cannot be read ({error.strerror})", where=where, remedy="check the file and its permissions") from None
+        return tomllib.loads(source.content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise DeclarationError("not UTF-8 text", where=where, remedy="save it in UTF-8") from None
     except tomllib.TOMLDecodeError as error:

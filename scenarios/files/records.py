@@ -10,16 +10,16 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.columns import Column, column_place, find_column, missing_column, named_otherwise
-from scenarios.files.sidecar import read_sidecar
-from scenarios.files.tables import Numbers, Table, numbers, read_table
+from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
+from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.tables import Numbers, Table, numbers
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
 
 
 def read_record(
-    path: str | Path,
+    source: str | Path | RecordFile,
     model_inputs: Sequence[str] = (),
     model_outputs: Sequence[str] = (),
     channel_map: Mapping[str, ColumnChoice] | None = None,
@@ -33,7 +33,7 @@ def read_record(
 
     Parameters
     ----------
-    path : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``.
+    source : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``; or the file as it was read.
     model_inputs : inputs; each must be there, without a gap.
     model_outputs : outputs; those that are absent are left out, one must be there.
     channel_map : channel -> column, where headers are not ours.
@@ -54,25 +54,19 @@ def read_record(
     ------
     RecordError : anything that keeps the file from being used as it stands.
     """
-    path = Path(path)
-    table = read_table(path)
-    sidecar = read_sidecar(path)
-    wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
+    file = source if isinstance(source, RecordFile) else read_record_file(source)
+    table = file.table
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
-    columns = {
-        name: None
-        if name in further and named_otherwise(name, table.header, channel_map)
-        else find_column(name, table.header, table.file, channel_map, sidecar.units)
-        for name in wanted
-    }
-    near_aliases = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
-    columns |= {name: find_column(name, table.header, table.file, channel_map, sidecar.units) for name in near_aliases}
-    wanted += near_aliases
+    wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
+    columns = _columns(file, wanted, further, channel_map)
+    substitutes = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
+    columns |= _columns(file, substitutes, set(), channel_map)
+    wanted += substitutes
     for name in (TIME, *model_inputs):
         if columns[name] is None:
             raise missing_column(name, table.header, table.file)
     outputs = [name for name in wanted[1 + len(model_inputs) :] if columns[name] is not None]
-    needed = [name for name in outputs if name in (*model_outputs, *near_aliases)] if model_outputs else outputs
+    needed = [name for name in outputs if name in (*model_outputs, *substitutes)] if model_outputs else outputs
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
     time, rows = _time(table, _there(columns[TIME]), start, stop)
@@ -81,9 +75,20 @@ def read_record(
         time,
         tuple(_channel(table, _there(columns[name]), rows, is_input=True) for name in model_inputs),
         tuple(_channel(table, _there(columns[name]), rows, is_input=False) for name in outputs),
-        sidecar.hold if hold is None else hold,
-        sidecar.name or path.name,
+        file.sidecar.hold if hold is None else hold,
+        file.sidecar.name or file.path.name,
     )
+
+
+def _columns(file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None) -> dict[str, Column | None]:
+    """Channel -> its column, None where there is none; one of ``further`` counts as absent where only a header of another meaning recalls it."""
+    header = file.table.header
+    return {
+        name: None
+        if name in further and named_otherwise(name, header, channel_map)
+        else find_column(name, header, file.table.file, channel_map, file.sidecar.units)
+        for name in names
+    }
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:

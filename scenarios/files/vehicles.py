@@ -8,8 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.declarations import checked, read_toml_source, toml_of
+from scenarios.files.sources import InputFile, Source
 from sim.errors import DeclarationError
 
+MODELS = ("ballistic", "rigid", "flexible", "loes")
+BESIDE = "vehicle.toml"
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 
 
@@ -28,6 +32,7 @@ class VehicleFile:
     modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
         starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and
         the couplings ``Ceta1_eta2 ...`` that the file gives.
+    identity : name and hash of the file that was read, None where the values come from elsewhere.
     """
 
     name: str
@@ -35,36 +40,61 @@ class VehicleFile:
     constants: Mapping[str, float]
     derivatives: Mapping[str, float]
     modes: tuple[tuple[int, dict[str, float]], ...] = field(default=())
+    identity: InputFile | None = field(default=None, compare=False)
+
+
+def vehicle_beside(record: Path) -> Path | None:
+    """``vehicle.toml`` in a record's folder, None where there is none."""
+    beside = record.parent / BESIDE
+    return beside if beside.is_file() else None
+
+
+def refuse_unknown_model(model: str, where: str) -> None:
+    """Raise DeclarationError where there is no such model."""
+    if model not in MODELS:
+        raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}")
 
 
 def read_vehicle(path: str | Path, model: str) -> VehicleFile:
-    """A vehicle file for one of the models ``rigid``, ``flexible``, ``loes``, ``ballistic``.
+    """A vehicle file for one of ``MODELS``, as ``vehicle_of``. Raises DeclarationError, also where there is no such file."""
+    refuse_unknown_model(model, str(path))
+    return vehicle_of(read_toml_source(path), model)
+
+
+def read_any_vehicle(path: str | Path) -> VehicleFile:
+    """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError where it is for none, or wrong."""
+    source = read_toml_source(path)
+    content = toml_of(source)
+    if "density_scale_height" in content or "air_density_reference" in content:
+        raise DeclarationError("this is a falling body's file, without an airspeed", where=str(path), remedy="give the file of an aircraft")
+    model = "flexible" if "modes" in content else "loes" if "gravity" in content and "mass" not in content else "rigid"
+    return vehicle_of(source, model)
+
+
+def vehicle_of(source: Source, model: str) -> VehicleFile:
+    """What a file that was read says of a vehicle, for one of ``MODELS``.
 
     A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic mode stand in its
     ``[[modes]]`` table; under ``[derivatives]`` they serve as well.
 
     Raises
     ------
-    DeclarationError : one line with file, key and remedy: no such file, not TOML, an unknown or missing key, a value of
-        the wrong kind, unit or sign.
+    DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a value of the wrong kind, unit or sign.
     """
-    from scenarios.files.declarations import checked, read_toml
-    from scenarios.files.vehicles_schema import MODELS, mode_schema
+    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema
 
-    if model not in MODELS:
-        raise DeclarationError(f"there is no model {model!r}", where=str(path), remedy=f"use one of {', '.join(MODELS)}")
-    content = read_toml(path)
+    path, content = source.path, toml_of(source)
     tables: list[dict[str, Any]] = []
     if model == "flexible":
         tables = _mode_tables(content, path)
         content = {**content, "modes": tables}
-    vehicle = checked(MODELS[model], content, path).model_dump(exclude_none=True)
+    vehicle = checked(SCHEMAS[model], content, path).model_dump(exclude_none=True)
     modes = []
     for number, table in enumerate(tables, start=1):
         values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)
         modes.append((number, values))
     constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes")}
-    return VehicleFile(vehicle.get("name", Path(path).stem), model, constants, vehicle["derivatives"], tuple(modes))
+    return VehicleFile(vehicle.get("name", path.stem), model, constants, vehicle["derivatives"], tuple(modes), source.identity)
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:

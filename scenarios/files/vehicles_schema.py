@@ -72,7 +72,7 @@ _LOES_STARTS = _table(
 )
 _BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
 
-MODELS: Mapping[str, type[BaseModel]] = {
+SCHEMAS: Mapping[str, type[BaseModel]] = {
     "rigid": _table("RigidVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...)),
     "flexible": _table("FlexibleVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)),
     "loes": _table(

@@ -1,18 +1,18 @@
-"""Versions of the packages that the numbers hang on."""
+"""Versions of what the numbers hang on."""
 
 from __future__ import annotations
 
+import contextlib
+import platform
 from importlib.metadata import PackageNotFoundError, version
 
 PACKAGES = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on."""
-    found = {}
+    """Python's version and those of the packages that are installed, the same in every file that a command writes."""
+    found = {"python": platform.python_version()}
     for package in PACKAGES:
-        try:
+        with contextlib.suppress(PackageNotFoundError):
             found[package] = version(package)
-        except PackageNotFoundError:
-            continue
     return found

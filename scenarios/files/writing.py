@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import TIME
-from scenarios.files.sidecar import SCHEMA
+from scenarios.files.measured.sidecar import SCHEMA
 from sim.errors import FlightidError
 from sim.record import Record
 

@@ -9,7 +9,7 @@ from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
-from scenarios.plots.signals import figure_fit, figure_record, response_of
+from scenarios.plots.signals import figure_fit, figure_record, response_of, units_of
 from sim.record import Record
 
 
@@ -22,14 +22,7 @@ def draw_identification(found: Identification, measured: Record, folder: Path) -
     save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")
     if estimate.history is not None:
         save_figure(figure_parameter_histories(estimate.history, estimate.names, estimate.units, title=title), folder, "parameters")
-        save_figure(
-            figure_innovations(estimate.history, estimate.output_names, _output_units(found.record, estimate.output_names), title),
-            folder,
-            "innovations",
-        )
+        units = units_of(found.record, estimate.output_names)
+        save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, "innovations")
     if len(estimate.names) > 1:
         save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
-
-
-def _output_units(record: Record, names: tuple[str, ...]) -> list[str]:
-    return [record[name].unit for name in names]

@@ -11,15 +11,16 @@ from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.flying_qualities.modal import modal_estimate
-from ident.statistics.residuals import residual_tests
+from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.result import Identification
 from scenarios.preparation.vehicle_model import model_of_file
-from scenarios.studies.rows import Row
+from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System
 from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
@@ -46,64 +47,79 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     ------
     DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
     """
-    if method not in METHODS:
-        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     records = [record, *others]
-    if others and method in FILTERS:
-        what = f"a filter runs along one segment, and there are {len(records)}"
-        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
-    for each in records:
-        _refuse_beyond_measure(each)
+    _refuse(records, vehicle, method)
     if vehicle.model == "loes" and method == "ekf":
         from scenarios.identification.low_order import identify_loes
 
         return identify_loes(record, vehicle)
-    if vehicle.model == "loes" and method == "ukf":
-        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
     model = model or model_of_file(vehicle)
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
     biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
-    settings = FitSettings(FIT_STEP, use_priors=bool(vehicle.modes))
-    if method == "equation-error":
-        from ident.regression.equation_error import run_equation_error
-
-        system = compile_model(biased, outputs)
-        estimate = run_equation_error(records, system)
-    elif method == "filter-error":
-        from ident.process_noise.filter_error import fit_filter_error
-
-        system = compile_model(biased, outputs)
-        estimate = fit_filter_error(records, compile_model(_forced(biased), outputs), settings)
-    else:
-        system = compile_model(biased, outputs)
-        estimate = fit_output_error(records, system, settings)
-    if method in FILTERS:
-        prepared = _for_filter(biased, record, outputs, estimate)
-        system = compile_model(prepared, outputs, online=True)
-        if method == "ekf":
-            estimate = run_iterated_ekf(record, system)
-        else:
-            from ident.filters.ukf import run_ukf
-
-            estimate = run_ukf(record, system, FilterSettings(passes=PASSES))
-    rows = tuple(
-        Row(name, unit, float(value), float(std))
-        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
-    )
+    system, estimate = _estimated(records, biased, outputs, method, FitSettings(FIT_STEP, use_priors=bool(vehicle.modes)))
+    rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
-    biases = tuple(row for row in rows if row.name in names)
-    rows = tuple(row for row in rows if row.name not in names)
-    measured = [each.output_array(estimate.output_names) for each in records]
-    valid = np.concatenate([known for _, known in measured], axis=1)
-    residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
-    tests = residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
     airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
     derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
-    fixed = {item.name: (item.value, item.unit) for item in biased.parameters if not item.free}
-    return Identification(record, vehicle, method, estimate, rows, biases, derived, fixed, tests, tuple(others))
+    return Identification(
+        record,
+        vehicle,
+        method,
+        estimate,
+        tuple(row for row in rows if row.name not in names),
+        tuple(row for row in rows if row.name in names),
+        derived,
+        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free},
+        _tests(records, estimate),
+        tuple(others),
+    )
+
+
+def _refuse(records: Sequence[Record], vehicle: VehicleFile, method: str) -> None:
+    """Refuse a method that there is not, or not for these records and this model."""
+    if method not in METHODS:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if len(records) > 1 and method in FILTERS:
+        what = f"a filter runs along one segment, and there are {len(records)}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+    for each in records:
+        _refuse_beyond_measure(each)
+    if vehicle.model == "loes" and method == "ukf":
+        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
+
+
+def _estimated(records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings) -> tuple[System, Estimate]:
+    """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
+    system = compile_model(model, outputs)
+    if method == "equation-error":
+        from ident.regression.equation_error import run_equation_error
+
+        return system, run_equation_error(records, system)
+    if method == "filter-error":
+        from ident.process_noise.filter_error import fit_filter_error
+
+        return system, fit_filter_error(records, compile_model(_forced(model), outputs), settings)
+    fit = fit_output_error(records, system, settings)
+    if method not in FILTERS:
+        return system, fit
+    record = records[0]
+    system = compile_model(_for_filter(model, record, outputs, fit), outputs, online=True)
+    if method == "ekf":
+        return system, run_iterated_ekf(record, system)
+    from ident.filters.ukf import run_ukf
+
+    return system, run_ukf(record, system, FilterSettings(passes=PASSES))
+
+
+def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
+    """Tests of the residuals of all records, one after the other."""
+    measured = [each.output_array(estimate.output_names) for each in records]
+    valid = np.concatenate([known for _, known in measured], axis=1)
+    residuals = np.concatenate([z - fitted for (z, _), fitted in zip(measured, estimate.fitted, strict=True)], axis=1)
+    return residual_tests(estimate, np.where(valid, residuals, 0.0), valid)
 
 
 def _forced(model: Model) -> Model:

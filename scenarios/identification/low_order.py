@@ -20,7 +20,7 @@ from ident.statistics.residuals import residual_tests
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order_filter import SIMULATION_SHARE, loes_filter_system
 from scenarios.identification.result import Identification
-from scenarios.studies.rows import Row
+from scenarios.studies.rows import rows_of
 from sim.closed_loop.reader import load_x29
 from sim.declaration.system import System
 from sim.errors import RecordError
@@ -49,16 +49,12 @@ def identify_loes(record: Record, vehicle: VehicleFile) -> Identification:
     found = run_delay_bank(about_trim, system)
     trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
     estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
-    rows = tuple(
-        Row(name, unit, float(value), float(std))
-        for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
-    )
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     fixed = {item.name: (item.value, item.unit) for item in system.parameters if not item.free and item.name not in estimate.names}
     if "delay" in fixed:
         fixed["delay"] = (found.refined, "s")
-    return Identification(record, vehicle, "ekf", estimate, rows, (), derived_of(estimate, vehicle, weighted_delay(found)), fixed, tests)
+    return Identification(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived_of(estimate, vehicle, weighted_delay(found)), fixed, tests)
 
 
 def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:

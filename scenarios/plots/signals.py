@@ -37,6 +37,11 @@ def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Respons
     return Response(shown, dict(zip(estimate.output_names, values, strict=True)))
 
 
+def units_of(record: Record, names: Sequence[str]) -> list[str]:
+    """The units of a record's channels, in the order of ``names``."""
+    return [record[name].unit for name in names]
+
+
 def figure_record(record: Record, title: str = "") -> Figure:
     """Inputs and outputs against time: inputs as they are held, outputs as dots; the number of missing samples is stated.
 

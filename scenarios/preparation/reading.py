@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
@@ -53,24 +54,24 @@ def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
 
 
 def prepare(
-    paths: Sequence[Path],
+    files: Sequence[RecordFile],
     model: Model,
     plan: Plan,
     channels: Mapping[str, ColumnChoice] | None = None,
-    validate: Sequence[Path] = (),
+    validate: Sequence[RecordFile] = (),
     *,
     flow: bool = True,
 ) -> Prepared:
-    """Read files for a model and prepare them: the plan's segments of ``paths``, all of ``validate``; without ``flow`` no measured speed is used.
+    """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``; no measured speed without ``flow``.
 
     Raises
     ------
     RecordError : anything in a file that keeps it from being used, in one line.
     """
-    split = len(paths) * len(plan.segments)
-    parts = [(path, segment) for path in paths for segment in plan.segments] + [(path, WHOLE[0]) for path in validate]
+    split = len(files) * len(plan.segments)
+    parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
     optional = able(model) if flow else ()
-    read = [_read(path, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (path, segment) in enumerate(parts)]
+    read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
     return for_model(read[:split], model, plan, read[split:])
 
 
@@ -117,16 +118,17 @@ def named(path: Path, segment: Segment, *, several: bool) -> str:
     return f"{path.name}[{segment.start:g}-{segment.stop:g} s]" if several else path.name
 
 
-def _read(path: Path, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None) -> Read:
+def _read(
+    file: RecordFile, segment: Segment, several: bool, model: Model, optional: Sequence[str], channels: Mapping[str, ColumnChoice] | None
+) -> Read:
     """A part of a file, and whether a sidecar says how its inputs are to be read."""
     from scenarios.files.records import read_record
-    from scenarios.files.sidecar import read_sidecar
 
     inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
     instead = {"nz": "az"} if "nz" in outputs else {}
-    record = read_record(path, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead)
+    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead)
     # Named by their files: a sidecar's name may be the same for all of them.
-    return replace(record, name=named(path, segment, several=several)), read_sidecar(path).says_hold
+    return replace(record, name=named(file.path, segment, several=several)), file.sidecar.says_hold
 
 
 def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.banks.bank import BankEstimate, run_bank
 from ident.filters.ekf import SETTLED
+from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.studies.declaration import Estimation, Scenario
 from scenarios.studies.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again
@@ -17,6 +18,7 @@ from sim.declaration.system import System
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
+RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
 CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
 
 
@@ -26,7 +28,7 @@ class Spread:
 
     ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the root mean square of the
     estimator's own sigma, ``within_two`` the share of 2-sigma intervals that hold the reference, ``interval`` its
-    95 % confidence interval (Wilson).
+    95 % confidence interval: of one parameter that of Clopper and Pearson over runs, of all together by resampling whole runs.
     """
 
     name: str
@@ -77,19 +79,8 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
     units = {item.name: item.unit for item in model.parameters}
     values, std = values[:, sound], std[:, sound]
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
-    errors = (values - np.array([[reference[name]] for name in names])) / std
-    pooled = _spread("all", "sigma", 0.0, errors.ravel(), np.ones(errors.size))
+    pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
     return Campaign(scenario, estimation, range(first, first + runs), names, values, std, int(np.sum(~sound)), spreads, pooled)
-
-
-def wilson(hits: int, total: int) -> tuple[float, float]:
-    """95 % confidence interval of a share (Wilson, JASA 22, 1927)."""
-    if total == 0:
-        return 0.0, 1.0
-    z, share = 1.959964, hits / total
-    centre = (share + z * z / (2 * total)) / (1 + z * z / total)
-    half = z * math.sqrt(share * (1 - share) / total + z * z / (4 * total**2)) / (1 + z * z / total)
-    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
@@ -145,15 +136,15 @@ def _narrowed_passes(
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
+    """One parameter over runs ``(N,)``, which are independent of each other."""
     error = values - reference
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
-    return Spread(
-        name,
-        unit,
-        reference,
-        float(error.mean()),
-        float(values.std(ddof=1)),
-        float(np.sqrt(np.mean(std**2))),
-        hits / len(values),
-        wilson(hits, len(values)),
-    )
+    scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
+    return Spread(name, unit, reference, float(error.mean()), scatter, reported, hits / len(values), clopper_pearson(hits, len(values)))
+
+
+def _pooled(errors: np.ndarray) -> Spread:
+    """All parameters together, from errors ``(n, N)`` in reported sigmas; those of one run are correlated."""
+    hits = np.sum(np.abs(errors) <= 2.0, axis=0)
+    interval = clustered_share(hits, np.full(len(hits), len(errors)), np.random.default_rng(RESAMPLING_SEED))
+    return Spread("all", "sigma", 0.0, float(errors.mean()), float(errors.std(ddof=1)), 1.0, float(hits.sum()) / errors.size, interval)

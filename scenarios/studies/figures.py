@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.identification.figures import _output_units
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
-from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
+from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
 from scenarios.studies.declaration import Start
 from scenarios.studies.study import MethodResult, Study
 
@@ -67,7 +66,7 @@ def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) 
         against = "condensed" if study.scenario.condensed else "true"
         histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against)
         save_figure(histories, folder, f"parameters{suffix}")
-        units = _output_units(method.result.record, estimate.output_names)
+        units = units_of(method.result.record, estimate.output_names)
         save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, f"innovations{suffix}")
     if method is study.main and len(estimate.names) > 1 and np.all(np.isfinite(estimate.correlation)):
         save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")

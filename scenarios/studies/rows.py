@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ident.estimate import Estimate
 from scenarios.studies.declaration import Start
 
 
@@ -43,3 +44,9 @@ class Row:
         if self.published is None or self.reference is None:
             return None
         return (self.published.value - self.reference) / self.published.std
+
+
+def rows_of(estimate: Estimate) -> tuple[Row, ...]:
+    """The rows of an estimate of which nothing else is known, in its order."""
+    found = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
+    return tuple(Row(name, unit, float(value), float(std)) for name, unit, value, std in found)

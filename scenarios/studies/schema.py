@@ -9,12 +9,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked
-from scenarios.files.units import to_si
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import Estimation, Flight, ManeuverPlan, PublishedChoice, Scenario, Start
+from scenarios.studies.quantities import UNITS, Quantity, density, positive, si, standard_deviations, unit_of
 from sim.errors import DeclarationError
 
-Quantity = float | int | str
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -97,18 +96,6 @@ class _Scenario(_Strict):
     display: dict[str, str] = {}
 
 
-# SI units of the quantities a scenario may give with a unit of its own.
-UNITS = {
-    "alpha": "rad",
-    "q": "rad/s",
-    "nz": "g",
-    "altitude": "m",
-    "velocity": "m/s",
-    "elevator": "rad",
-    "beta": "kg/m2",
-}
-
-
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """A Scenario from the content of its file; ``where`` names the file in messages.
 
@@ -159,7 +146,7 @@ def _flight(flight: _Flight, where: str) -> Flight:
         flight.modes,
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
-        {name: _density(name, value, f"{place}.process_noise.{name}") for name, value in flight.process_noise.items()},
+        {name: density(name, value, f"{place}.process_noise.{name}") for name, value in flight.process_noise.items()},
     )
 
 
@@ -187,9 +174,9 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
         initial={key: _start(key, value, f"{place}.initial.{key}") for key, value in estimate.initial.items()},
         method=estimate.method,
         modes=estimate.modes,
-        held={key: si(value, _unit(key), f"{place}.held.{key}") for key, value in estimate.held.items()},
+        held={key: si(value, unit_of(key), f"{place}.held.{key}") for key, value in estimate.held.items()},
         noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place),
-        process_noise={key: _density(key, value, f"{place}.process_noise.{key}") for key, value in estimate.process_noise.items()},
+        process_noise={key: density(key, value, f"{place}.process_noise.{key}") for key, value in estimate.process_noise.items()},
         integration=estimate.integration,
         terms=estimate.terms,
         max_step=math.inf if estimate.max_step is None else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
@@ -203,72 +190,7 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
 
 
 def _start(name: str, spread: _Spread, where: str) -> Start:
-    std = si(spread.std, _unit(name), f"{where}.std")
+    std = si(spread.std, unit_of(name), f"{where}.std")
     if not std > 0:
         raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")
-    return Start(si(spread.value, _unit(name), f"{where}.value"), std)
-
-
-def _unit(name: str) -> str:
-    return UNITS.get(name, "1")
-
-
-def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str) -> dict[str, float]:
-    """Noise by output, SI, from standard deviations and variances."""
-    out = {}
-    for name, value in std.items():
-        out[name] = positive(si(value, _unit(name), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
-    for name, text in variance.items():
-        key = f"{where}.noise_variance.{name}"
-        number, unit = _parts(text, key)
-        out[name] = math.sqrt(positive(number, key)) * float(to_si(1.0, _root(unit, key), _unit(name), key, DeclarationError))
-    return out
-
-
-def _density(name: str, value: Quantity, where: str) -> float:
-    """A spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
-    if not isinstance(value, str):
-        return _not_negative(float(value), where)
-    number, unit = _parts(value, where)
-    if not unit.endswith("/s"):
-        raise DeclarationError(f"unit {unit!r} is no spectral density", where=where, remedy='write for example "57 (lb/ft2)^2/s"')
-    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), _unit(name), where, DeclarationError))
-    return _not_negative(number, where) * factor**2
-
-
-def _root(unit: str, where: str) -> str:
-    """The unit whose square is given: ``"deg^2"``, ``"(deg/s)^2"``."""
-    text = unit.strip()
-    if not text.endswith("^2"):
-        raise DeclarationError(f"unit {unit!r} is no square", where=where, remedy='write for example "0.016 deg^2" or "0.016 (deg/s)^2"')
-    return text.removesuffix("^2").strip().removeprefix("(").removesuffix(")")
-
-
-def _parts(text: str, where: str) -> tuple[float, str]:
-    number, _, unit = text.strip().partition(" ")
-    try:
-        return float(number), unit
-    except ValueError:
-        raise DeclarationError(f"{text!r} is not a number with a unit", where=where, remedy='write for example "0.016 deg^2"') from None
-
-
-def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
-    """A number, or a text with a unit, in the unit ``target``; ``same`` are other spellings of units."""
-    if not isinstance(value, str):
-        return float(value)
-    number, unit = _parts(value, where)
-    unit = (same or {}).get(unit.lower(), unit)
-    return float(to_si(number, unit, target, where, DeclarationError))
-
-
-def positive(value: float, where: str) -> float:
-    """The value, refused where it is not above zero and finite."""
-    if not (value > 0 and math.isfinite(value)):
-        raise DeclarationError(f"{value:g} is not above 0", where=where, remedy="give a positive number")
-    return value
-
-
-def _not_negative(value: float, where: str) -> float:
-    if not (value >= 0 and math.isfinite(value)):
-        raise DeclarationError(f"{value:g} is negative", where=where, remedy="give zero or a positive number")
-    return value
+    return Start(si(spread.value, unit_of(name), f"{where}.value"), std)

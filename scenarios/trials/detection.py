@@ -15,11 +15,13 @@ from time import process_time
 
 import numpy as np
 
+from ident.statistics.shares import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
 from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
-from scenarios.trials.scoring import TWINS, interval
+from scenarios.trials.scoring import same_fault
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
@@ -120,8 +122,7 @@ def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection
 
 def found(effect: str, diagnosis: Diagnosis) -> Finding:
     """What a diagnosis says of one hidden effect; a lag and a delay of the same sensor are one."""
-    kind, colon, channel = effect.partition(":")
-    right = {effect, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {effect}
+    right = same_fault(effect)
     claims = [claim for claim in diagnosis.effects if claim.claimed]
     if diagnosis.verdict.value == "consistent":
         return Finding.MISSED
@@ -151,7 +152,7 @@ def traced(declared: Model, true: Model, setting: Setting, rng: np.random.Genera
         vehicle = folder / "vehicle.toml"
         vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
         started = process_time()
-        tracing = diagnose_files([folder / "train.csv"], "rigid", vehicle, [folder / "validate.csv"])
+        tracing = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",)))
         return tracing.diagnosis, process_time() - started
 
 
@@ -187,7 +188,7 @@ def alarm_rows(alarms: Mapping[str, Sequence[Alarm]]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for label, group in alarms.items():
         claims, other = sum(bool(alarm.claimed) for alarm in group), sum(alarm.verdict != "consistent" for alarm in group)
-        low, high = interval(claims, len(group))
+        low, high = clopper_pearson(claims, len(group))
         seconds = float(np.median([alarm.seconds for alarm in group]))
         rows.append((label, str(len(group)), str(claims), str(other), f"{100 * low:.1f} to {100 * high:.1f}", f"{seconds:.1f}"))
     return rows
@@ -200,7 +201,7 @@ def detection_rows(detections: Sequence[Detection], by: Callable[[Detection], st
         group = [detection for detection in detections if by(detection) == label]
         count = {finding: sum(detection.finding is finding for detection in group) for finding in Finding}
         seen = len(group) - count[Finding.MISSED]
-        low, high = interval(seen, len(group))
+        low, high = clopper_pearson(seen, len(group))
         named = (count[Finding.RIGHT], count[Finding.AMBIGUOUS], count[Finding.UNEXPLAINED], count[Finding.WRONG])
         rows.append((label, str(len(group)), str(seen), *(str(number) for number in named), f"{100 * low:.0f} to {100 * high:.0f}"))
     return rows

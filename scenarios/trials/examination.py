@@ -6,21 +6,23 @@ how many standard deviations the derivatives are off.
 
 from __future__ import annotations
 
-import math
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 
+from ident.statistics.shares import clopper_pearson
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
 from scenarios.trials.aircraft import NOISE, USUAL, drawn_aircraft
+from scenarios.trials.kinds import KINDS
 from scenarios.trials.planted.hiding import OWN, find_term
-from scenarios.trials.scoring import TWINS
+from scenarios.trials.scoring import same_fault
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, Noise
 from sim.maneuvers.multisine import schroeder_multisine
@@ -28,24 +30,6 @@ from sim.maneuvers.steps import Maneuver, MultiStep, Sum, alternating, doublet, 
 from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import RIGID_CONSTANTS
-
-Draw = Callable[[np.random.Generator, float, float], Mapping[str, float]]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """Something that may be hidden.
-
-    ``term`` hides it and ``answer`` names it, empty where nothing in the library does. ``draw`` gives its parameters from a
-    generator, the largest deflection (rad) and the record's length (s). ``apart`` draws anew for the second record; ``channels``
-    it needs to be seen.
-    """
-
-    term: str
-    answer: str
-    draw: Draw
-    apart: bool = False
-    channels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,70 +63,6 @@ class Mark:
     seconds: float
 
 
-def _uniform(low: float, high: float, local: str) -> Draw:
-    return lambda rng, peak, duration: {local: float(np.exp(rng.uniform(math.log(low), math.log(high))))}
-
-
-def _share(low: float, high: float, local: str) -> Draw:
-    return lambda rng, peak, duration: {local: float(peak * rng.uniform(low, high))}
-
-
-def _signed(low: float, high: float, local: str) -> Draw:
-    return lambda rng, peak, duration: {local: float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))}
-
-
-def _jump(rng: np.random.Generator, peak: float, duration: float) -> Mapping[str, float]:
-    chosen = str(rng.choice(["Cm_alpha", "Cm_q", "Cm_de"]))
-    sizes = {"Cm_alpha": 0.35, "Cm_q": -7.0, "Cm_de": 0.4}
-    values = dict.fromkeys(("Cm_alpha", "Cm_q", "Cm_de", "CL_alpha"), 0.0) | {chosen: sizes[chosen] * float(rng.uniform(0.6, 1.4))}
-    return {"time": float(rng.uniform(0.25, 0.6) * duration), **values}
-
-
-def _gust(rng: np.random.Generator, peak: float, duration: float) -> Mapping[str, float]:
-    start, length = float(rng.uniform(0.1, 0.7) * duration), float(rng.uniform(0.5, 2.0))
-    return {"peak": float(rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 5.0)), "start": start, "duration": length}
-
-
-def _push(rng: np.random.Generator, peak: float, duration: float) -> Mapping[str, float]:
-    start, length = float(rng.uniform(0.1, 0.7) * duration), float(rng.uniform(0.5, 3.0))
-    moment = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.004, 0.012))
-    return {"start": start, "duration": length, "moment": moment, "lift": float(rng.normal(0.0, 0.01))}
-
-
-def _mode(rng: np.random.Generator, peak: float, duration: float) -> Mapping[str, float]:
-    values = {"frequency": (9.0, 22.0), "damping": (0.015, 0.06), "lift": (0.05, 0.3), "moment": (-0.5, -0.1), "gyro": (0.01, 0.04)}
-    return {name: float(rng.uniform(*span)) for name, span in values.items()} | {"angle_gain": 0.0}
-
-
-KINDS: Mapping[str, Kind] = {
-    "input-delay": Kind("input-delay", "input-delay", _uniform(0.02, 0.15, "delay")),
-    "actuator-lag": Kind("actuator-lag", "actuator-lag", _uniform(0.04, 0.2, "time_constant")),
-    "actuator-rate-limit": Kind("actuator-rate-limit", "actuator-rate-limit", _share(2.0, 5.0, "rate")),
-    "actuator-saturation": Kind("actuator-saturation", "actuator-saturation", _share(0.5, 0.85, "limit")),
-    "input-deadband": Kind("input-deadband", "input-deadband", _share(0.05, 0.25, "half_width")),
-    "input-backlash": Kind("input-backlash", "input-backlash", _share(0.04, 0.2, "half_width")),
-    "curved moment": Kind("own:tanh-moment", "moment-nonlinearity", lambda r, p, d: {"loss": float(r.uniform(-0.9, 0.9)), "width": 0.04}),
-    "curved lift": Kind("own:stalling-lift", "lift-nonlinearity", _uniform(1.0, 4.0, "loss")),
-    "weak control": Kind("own:weakening-control", "control-nonlinearity", lambda r, p, d: {"cubic": float(r.uniform(0.1, 0.35)) / p**2}),
-    "derivative-jump": Kind("derivative-jump", "derivative-jump", _jump, apart=True),
-    "elastic-mode": Kind("elastic-mode", "elastic-mode", _mode),
-    "gust-turbulence": Kind("gust-turbulence", "gust-turbulence", _uniform(0.5, 2.5, "sigma")),
-    "gust-discrete": Kind("gust-discrete", "gust-discrete", _gust, apart=True),
-    "half-sine gust": Kind("own:half-sine-gust", "gust-discrete", _gust, apart=True),
-    "speed-variation": Kind("speed-variation", "speed-variation", _signed(0.3, 1.2, "rate")),
-    "unmeasured-input": Kind("unmeasured-input", "unmeasured-input", _push, apart=True),
-    "vane-offset": Kind("vane-offset", "vane-offset", _uniform(2.0, 12.0, "arm"), channels=("nz",)),
-    "sensor-scale:alpha": Kind("sensor-scale:alpha", "sensor-scale:alpha", _uniform(1.08, 1.3, "scale"), channels=("nz",)),
-    "sensor-scale:q": Kind("sensor-scale:q", "sensor-scale:q", _uniform(1.08, 1.3, "scale"), channels=("nz",)),
-    "sensor-lag:alpha": Kind("sensor-lag:alpha", "sensor-lag:alpha", _uniform(0.03, 0.15, "time_constant")),
-    "sensor-delay:q": Kind("sensor-delay:q", "sensor-delay:q", _uniform(0.03, 0.12, "delay"), channels=("nz",)),
-    "sensor-delay:nz": Kind("sensor-delay:nz", "sensor-delay:nz", _uniform(0.03, 0.12, "delay"), channels=("nz",)),
-    "sensor-drift:q": Kind("sensor-drift:q", "sensor-drift:q", _signed(0.0003, 0.002, "slope"), apart=True),
-    "sensor-drift:alpha": Kind("sensor-drift:alpha", "sensor-drift:alpha", _signed(0.0003, 0.002, "slope"), apart=True),
-    "sensor-spikes:q": Kind("sensor-spikes:q", "sensor-spikes:q", _uniform(0.03, 0.1, "size")),
-    "product": Kind("own:alpha-control-product", "", _signed(4.0, 9.0, "moment")),
-    "periodic": Kind("own:periodic-moment", "", lambda r, p, d: {"size": float(r.uniform(0.002, 0.006)), "frequency": float(r.uniform(3.0, 8.0))}),
-}
 RATES = (20.0, 25.0, 50.0, 50.0, 100.0)
 
 
@@ -187,7 +107,7 @@ def marked(paper: Paper, model: Model, rng: np.random.Generator, duration: float
         vehicle = folder / "vehicle.toml"
         vehicle.write_text("\n".join(lines) + "\n", encoding="utf-8")
         started = process_time()
-        diagnosis = diagnose_files([folder / "train.csv"], "rigid", vehicle, [folder / "validate.csv"]).diagnosis
+        diagnosis = diagnose_files(Request((folder / "train.csv",), "rigid", vehicle, (folder / "validate.csv",))).diagnosis
         seconds = process_time() - started
     return _mark(paper, model, diagnosis, seconds)
 
@@ -211,8 +131,7 @@ def _mark(paper: Paper, model: Model, diagnosis: Diagnosis, seconds: float) -> M
 
 
 def _same(answer: str, name: str, alternatives: Sequence[str]) -> bool:
-    kind, colon, channel = answer.partition(":")
-    accepted = {answer, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {answer}
+    accepted = same_fault(answer)
     return name.partition("#")[0] in {*accepted, *(a.partition(":")[0] for a in accepted if a.startswith("elastic"))} or bool(
         accepted & set(alternatives)
     )
@@ -262,8 +181,6 @@ def _flown(
 
 def summary(marks: Sequence[Mark]) -> dict[str, float]:
     """Shares over many papers: right, wrong claims, derivatives within two standard deviations where right, and the held-out error's median."""
-    from scenarios.trials.scoring import interval
-
     count, right = len(marks), [mark for mark in marks if mark.right]
     free = [mark for mark in right if not any(OWN in name or "turbulence" in name or "spikes" in name for name in mark.paper.hidden)]
     errors = [abs(error) for mark in right if not mark.paper.outside for error in mark.errors.values()]
@@ -272,7 +189,7 @@ def summary(marks: Sequence[Mark]) -> dict[str, float]:
         "papers": float(count),
         "right": len(right) / count,
         "wrong claims": wrong / count,
-        "wrong claims, upper 95 %": interval(wrong, count)[1],
+        "wrong claims, upper 95 %": clopper_pearson(wrong, count)[1],
         "derivatives within two sigmas": float(np.mean(np.array(errors) < 2.0)) if errors else 0.0,
         "held-out error, median": float(np.median([mark.held_out for mark in free])) if free else 0.0,
         "seconds, median": float(np.median([mark.seconds for mark in marks])),

@@ -1,15 +1,41 @@
-"""How trials are scored: names that count as one, and intervals of a share."""
+"""How trials are scored: names that count as one, and shares with their intervals."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.statistics.shares import clopper_pearson, clustered_share
+
 TWINS = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}
+RESAMPLING_SEED = 1  # the same flights give the same interval
 
 
-def interval(count: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Exact binomial confidence interval (Clopper and Pearson, 1934) of a share seen ``count`` times in ``runs``."""
-    from scipy.special import betaincinv
+@dataclass(frozen=True)
+class Share:
+    """So many of so many, with an interval at 95 %."""
 
-    tail = 0.5 * (1.0 - level)
-    low = 0.0 if count == 0 else float(betaincinv(count, runs - count + 1, tail))
-    high = 1.0 if count == runs else float(betaincinv(count + 1, runs - count, 1.0 - tail))
-    return low, high
+    count: int
+    of: int
+    interval: tuple[float, float]
+
+
+def same_fault(name: str) -> set[str]:
+    """The names that count as naming an effect right: a lag and a delay of one sensor are one."""
+    kind, colon, channel = name.partition(":")
+    return {name, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {name}
+
+
+def share_of_flights(hits: Iterable[bool]) -> Share:
+    """The share of flights in which something is so; flights are independent (Clopper and Pearson)."""
+    seen = [bool(hit) for hit in hits]
+    return Share(sum(seen), len(seen), clopper_pearson(sum(seen), len(seen)))
+
+
+def share_within_flights(hits: Iterable[Iterable[bool]]) -> Share:
+    """The share over all that is counted in flights; the findings of one flight are correlated, so that whole flights are resampled."""
+    flights = [[bool(hit) for hit in flight] for flight in hits]
+    counts, of = np.array([sum(flight) for flight in flights]), np.array([len(flight) for flight in flights])
+    return Share(int(counts.sum()), int(of.sum()), clustered_share(counts, of, np.random.default_rng(RESAMPLING_SEED)))

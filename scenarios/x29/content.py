@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.banks.delays import DelayBank
 from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
@@ -15,6 +16,7 @@ from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
+from sim.closed_loop.linear import Margins
 from sim.vehicles.factory import LOES_DERIVATIVES
 
 
@@ -23,7 +25,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
     low-order fit to the linear loop's own frequency response, and what differs from it beyond sigma is the model's bias."""
     result, scenario = study.result, study.scenario
     estimate, bank = result.estimate, result.bank
-    out: dict[str, Any] = {
+    content: dict[str, Any] = {
         "schema": SCHEMA,
         "scenario": scenario.name,
         "title": scenario.title,
@@ -39,28 +41,11 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "process_noise": dict(scenario.estimation.process_noise),
         "states": _states(study),
         "correlation": correlation_content(estimate),
-        "bank": {
-            "delays": bank.delays.tolist(),
-            "log_likelihood": [float(v) for v in np.maximum(bank.log_likelihood, -1e300)],
-            "weights": bank.weights.tolist(),
-            "most_likely": bank.most_likely,
-            "weighted_mean": bank.weighted_mean,
-            "refined": bank.refined,
-            **({"refined_std": bank.refined_std} if bank.refined_std > 0 else {}),
-            "at_edge": bank.at_edge,
-        },
+        "bank": _bank(bank),
         "plain": {**_values(study.plain.estimate), "delay": study.plain.delay},
         "levels": [_level(level) for level in study.levels],
         "frequency_response": _check(study),
-        "margins": {
-            name: {
-                "gain_decrease_db": max(m.gain_decrease, -1e3),
-                "gain_increase_db": min(m.gain_increase, 1e3),
-                "phase_deg": min(m.phase, 1e3),
-                "crossover_rad_s": m.crossover,
-            }
-            for name, m in study.margins.items()
-        },
+        "margins": {name: _margins(margins) for name, margins in study.margins.items()},
         "model_order_bias": [
             {"name": row.name, "estimate": row.estimate, "loop_equivalent": row.equivalent, "sigmas": row.sigmas} for row in bias_rows(study)
         ],
@@ -76,29 +61,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
-    if study.other is not None and study.differences is not None and scenario.against is not None:
-        out["against"] = {
-            "scenario": scenario.against.scenario,
-            "changes": list(scenario.against.changes),
-            "seed": study.other.scenario.seed,
-            "differences": [
-                {"name": d.name, "unit": d.unit, "other": d.first, "other_std": d.first_std, "z": d.z, "beyond": d.beyond}
-                for d in study.differences.differences
-            ],
-            "p_value": study.differences.p_value,
-            "derived": {
-                item.name: {"other": item.value, "sigmas": dict(study.derived_differences).get(item.name, 0.0)} for item in study.other.qualities
-            },
-        }
-    if study.together:
-        out["together"] = {name: {**_values(found.estimate), "delay": found.delay} for name, found in study.together.items()}
-    if len(study.passes) > 1:
-        out["passes"] = [_values(each) for each in study.passes]
-    if study.variants:
-        out["variants"] = [
-            {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
-        ]
-    return out
+    return content | _against(study) | _further(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
@@ -111,6 +74,63 @@ def correlation_content(estimate: Estimate) -> dict[str, Any]:
     names = history.names
     large = [[names[i], names[j], float(C[i, j])] for i in range(len(names)) for j in range(i) if abs(C[i, j]) > LARGE]
     return {"names": list(names), "matrix": C.tolist(), "large": large}
+
+
+def _bank(bank: DelayBank) -> dict[str, Any]:
+    return {
+        "delays": bank.delays.tolist(),
+        "log_likelihood": [float(v) for v in np.maximum(bank.log_likelihood, -1e300)],
+        "weights": bank.weights.tolist(),
+        "most_likely": bank.most_likely,
+        "weighted_mean": bank.weighted_mean,
+        "refined": bank.refined,
+        **({"refined_std": bank.refined_std} if bank.refined_std > 0 else {}),
+        "at_edge": bank.at_edge,
+    }
+
+
+def _margins(margins: Margins) -> dict[str, float]:
+    return {
+        "gain_decrease_db": max(margins.gain_decrease, -1e3),
+        "gain_increase_db": min(margins.gain_increase, 1e3),
+        "phase_deg": min(margins.phase, 1e3),
+        "crossover_rad_s": margins.crossover,
+    }
+
+
+def _against(study: LoopStudy) -> dict[str, Any]:
+    """The other scenario that the study is compared with, where there is one."""
+    against = study.scenario.against
+    if study.other is None or study.differences is None or against is None:
+        return {}
+    derived = dict(study.derived_differences)
+    return {
+        "against": {
+            "scenario": against.scenario,
+            "changes": list(against.changes),
+            "seed": study.other.scenario.seed,
+            "differences": [
+                {"name": d.name, "unit": d.unit, "other": d.first, "other_std": d.first_std, "z": d.z, "beyond": d.beyond}
+                for d in study.differences.differences
+            ],
+            "p_value": study.differences.p_value,
+            "derived": {item.name: {"other": item.value, "sigmas": derived.get(item.name, 0.0)} for item in study.other.qualities},
+        }
+    }
+
+
+def _further(study: LoopStudy) -> dict[str, Any]:
+    """Estimates besides the main one, where the scenario asks for them."""
+    out: dict[str, Any] = {}
+    if study.together:
+        out["together"] = {name: {**_values(found.estimate), "delay": found.delay} for name, found in study.together.items()}
+    if len(study.passes) > 1:
+        out["passes"] = [_values(each) for each in study.passes]
+    if study.variants:
+        out["variants"] = [
+            {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
+        ]
+    return out
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
 from scenarios.plots.parameters import figure_parameter_histories
-from scenarios.plots.signals import Response, figure_fit, figure_record
+from scenarios.plots.signals import Response, figure_fit, figure_record, units_of
 from scenarios.x29.study import LoopStudy, Result
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
@@ -34,8 +34,7 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
         other = figure_fit(study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None)
         save_figure(other, folder, "fit_other")
         save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title), folder, "compared")
-    units = [record[name].unit for name in estimate.output_names]
-    save_figure(figure_innovations(history, estimate.output_names, units, title), folder, "innovations")
+    save_figure(figure_innovations(history, estimate.output_names, units_of(record, estimate.output_names), title), folder, "innovations")
     system = result.setting.system
     items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
     moving, constant = items[: len(system.state_names)], items[len(system.state_names) :]

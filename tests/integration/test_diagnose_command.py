@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.cli import _each_validated, main
+from scenarios.cli import main
+from scenarios.commands.arguments import each_validated
 from scenarios.files.writing import write_record
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.model import Noise
@@ -128,7 +129,7 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments: list[str], line: str, 
     ],
 )
 def test_validate_takes_every_record_up_to_the_next_option(given: str, meant: str) -> None:
-    assert _each_validated(given.split()) == meant.split()
+    assert each_validated(given.split()) == meant.split()
 
 
 def test_failed_run_leaves_no_process_and_no_folder(flights: Path, tmp_path: Path) -> None:

@@ -22,11 +22,11 @@ from rich.console import Console
 
 from ident.banks.bank import run_bank
 from ident.banks.delays import DELAYS
-from scenarios.commands.watch import TOGETHER, _pieces
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
 from scenarios.watching.session import Session, batch_estimate, filtered_record, record_of, start, take
+from scenarios.watching.stream import TOGETHER, pieces
 from scenarios.watching.table import View, live_table, standings
 from sim.record import Record
 from tests import loes_problem as problem
@@ -157,14 +157,14 @@ def test_the_last_state_is_the_batch_bank_of_the_same_rows(flown: Record, seed: 
 def test_what_is_shown_does_not_hang_on_how_rows_came() -> None:
     session = Session(vehicle_file(), "stream", "in")
     table = np.vstack([np.arange(1200) / 40.0, *np.zeros((4, 1200))])
-    assert list(_pieces(None, np.zeros((0, 0)))) == []
-    before = [piece.shape[1] for piece in _pieces(session, table)]
+    assert list(pieces(None, np.zeros((0, 0)))) == []
+    before = [piece.shape[1] for piece in pieces(session, table)]
     assert before == [40] * 30
     take(session, table_of(problem.record(11, duration=3.0)))
-    together = list(_pieces(session, table))
+    together = list(pieces(session, table))
     np.testing.assert_array_equal(np.hstack(together), table)
     assert max(piece.shape[1] for piece in together) == TOGETHER and all(piece[0, 0] == np.floor(piece[0, 0]) for piece in together)
-    assert [piece.shape[1] for piece in _pieces(session, table / 100.0)] == [1200]  # a second of many rows stays whole
+    assert [piece.shape[1] for piece in pieces(session, table / 100.0)] == [1200]  # a second of many rows stays whole
 
 
 def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:

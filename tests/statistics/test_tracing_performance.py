@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from ident.statistics.shares import clopper_pearson
 from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
 from scenarios.trials.examination import examine, summary
-from scenarios.trials.scoring import interval
 
 RUNS = 200  # clean records over all settings
 WEAK_RUNS = 12  # of each effect
@@ -18,7 +18,7 @@ def test_false_claims_on_clean_records_are_rare() -> None:
     alarms = [clean_run(SETTINGS[seed % len(SETTINGS)], seed) for seed in range(RUNS)]
     claims = [alarm for alarm in alarms if alarm.claimed]
     assert len(claims) <= 0.05 * RUNS, claims
-    assert interval(len(claims), RUNS)[0] < 0.05
+    assert clopper_pearson(len(claims), RUNS)[0] < 0.05
 
 
 @pytest.mark.slow
@@ -26,8 +26,8 @@ def test_effects_of_gain_25_are_detected_and_named() -> None:
     found = [weak_run(weak_setting(effect), effect, 25.0, seed) for effect in WEAK for seed in range(WEAK_RUNS)]
     seen = [detection for detection in found if detection.finding is not Finding.MISSED]
     named = [detection for detection in found if detection.finding in (Finding.RIGHT, Finding.AMBIGUOUS)]
-    assert interval(len(seen), len(found))[1] >= 0.95
-    assert interval(len(named), len(found))[1] >= 0.80
+    assert clopper_pearson(len(seen), len(found))[1] >= 0.95
+    assert clopper_pearson(len(named), len(found))[1] >= 0.80
 
 
 @pytest.mark.slow
@@ -35,7 +35,7 @@ def test_random_papers_are_marked_right() -> None:
     """Aircraft, rates, channels, maneuvers, sizes, pairs and foreign causes at random: names, false names, and sigmas of the derivatives."""
     found = summary([examine(seed) for seed in range(300, 300 + PAPERS)])
     right, wrong = round(found["right"] * PAPERS), round(found["wrong claims"] * PAPERS)
-    assert interval(right, PAPERS)[1] >= 0.95
-    assert interval(wrong, PAPERS)[0] <= 0.02
+    assert clopper_pearson(right, PAPERS)[1] >= 0.95
+    assert clopper_pearson(wrong, PAPERS)[0] <= 0.02
     assert 0.91 <= found["derivatives within two sigmas"] <= 0.985
     assert found["held-out error, median"] <= 1.05

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
-
-import numpy as np
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
@@ -17,6 +13,7 @@ from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
+from scenarios.files.versions import versions
 
 SCHEMA = "flightid/diagnosis/1"
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
@@ -50,7 +47,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
             "after": _errors(d.error_after),
             "noise_floor": _finite_only(d.noise_floor),
         },
-        "residual_tests": {"before": [_test(test) for test in d.tests_before], "after": [_test(test) for test in d.tests_after]},
+        "residual_tests": {"before": [test_content(test) for test in d.tests_before], "after": [test_content(test) for test in d.tests_after]},
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
         "warnings": [*tracing.doubts, *warnings_of(tracing), *_undetermined(d)],
@@ -78,18 +75,6 @@ def bounded(value: float) -> float:
 def positive(std: float) -> float:
     """A standard deviation above zero and finite."""
     return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on; those of packages that are loaded are read off them."""
-    found = {"python": ".".join(str(part) for part in sys.version_info[:3]), "numpy": np.__version__}
-    scipy = sys.modules.get("scipy")
-    found |= {"scipy": str(scipy.__version__)} if scipy is not None and hasattr(scipy, "__version__") else {}
-    from importlib.metadata import PackageNotFoundError, version
-
-    with contextlib.suppress(PackageNotFoundError):
-        found["flightid"] = version("flightid")
-    return found
 
 
 def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, Any]:
@@ -131,7 +116,8 @@ def _finite_only(some: Mapping[str, float]) -> dict[str, float]:
     return {name: float(value) for name, value in some.items() if math.isfinite(value)}
 
 
-def _test(test: ResidualTest) -> dict[str, Any]:
+def test_content(test: ResidualTest) -> dict[str, Any]:
+    """One residual test, its numbers within what JSON can say."""
     return {
         "name": test.name,
         "channel": test.channel,

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from scenarios.diagnosis.report.content import bounded, positive, versions
-from scenarios.diagnosis.report.files import write_diagnosis
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json
+from scenarios.diagnosis.report.content import bounded, positive, test_content
+from scenarios.files.versions import versions
+from scenarios.trials.folder import write_trial
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import Scored, TraceStudy
-
-MAIN = "comparison.json"
 
 
 def write_trace(study: TraceStudy, folder: str | Path, *, figures: bool = True) -> Path:
     """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
-    write_diagnosis(study.tracing, folder, figures=figures)
-    with study_folder(folder, MAIN) as scratch:
-        write_flown(study.flown, scratch)
-        write_json(scratch / "truth.json", truth_content(study))
-        write_json(scratch / MAIN, trace_comparison(study))
-    return Path(folder)
+    return write_trial(study.tracing, partial(write_flown, study.flown), truth_content(study), trace_comparison(study), folder, figures=figures)
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
@@ -63,17 +56,7 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
         "outcome_sentence": d.verdict.sentence,
         "expected": {"verdicts": list(study.scenario.expect.verdicts), "effects": [list(names) for names in study.scenario.expect.effects]},
         "grade": study.grade.name.lower(),
-        "residual_tests": [
-            {
-                "name": test.name,
-                "channel": test.channel,
-                "statistic": bounded(test.statistic),
-                "p_value": bounded(test.p_value),
-                "passed": test.passed,
-                "sentence": test.sentence,
-            }
-            for test in d.tests_after
-        ],
+        "residual_tests": [test_content(test) for test in d.tests_after],
         "methods": {"declared-model": {"parameters": before, "derived": derived["before"]}},
         "versions": versions(),
     }

@@ -10,7 +10,8 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.schema import Maneuver, Quantity, maneuver_plans, positive, si, standard_deviations
+from scenarios.studies.quantities import Quantity, positive, si, standard_deviations
+from scenarios.studies.schema import Maneuver, maneuver_plans
 from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import hidden_units
 from sim.errors import DeclarationError

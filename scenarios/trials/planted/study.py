@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
+from scenarios.preparation.request import Request
 from scenarios.trials.planted.declaration import Expectation, TraceScenario
 from scenarios.trials.planted.flights import FlownTrace, fly_trace, write_flown
 
@@ -65,7 +66,7 @@ def run_trace(scenario: TraceScenario, seed: int | None = None, progress: Callab
     flown = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         train, validate, vehicle = write_flown(flown, Path(folder))
-        tracing = diagnose_files([train], scenario.model, vehicle, [validate], progress=progress)
+        tracing = diagnose_files(Request((train,), scenario.model, vehicle, (validate,)), progress)
     return TraceStudy(scenario, chosen, flown, tracing, grade(scenario.expect, tracing), _derivatives(flown, tracing), _effects(flown, tracing))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.trials.scoring import interval
+from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
 from scenarios.trials.standin.study import Naming, Progress, StandInStudy, run_standin
@@ -38,18 +38,6 @@ class Judged:
     worse: bool
     errors: Mapping[str, float]
     bias: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Share:
-    """So many of so many, with the exact interval of Clopper and Pearson at 95 %."""
-
-    count: int
-    of: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        return interval(self.count, self.of) if self.of else (0.0, 1.0)
 
 
 def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage, share: None) -> Judged:
@@ -127,15 +115,13 @@ def fly_standin_campaign(
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:
     """The shares that a campaign is for, by their names in ``campaign.json``."""
-    hidden = [how for flight in judged for _, how in flight.named]
-    errors = [value for flight in judged for value in flight.errors.values()]
     return {
-        "named": Share(sum(how is not Naming.MISSED for how in hidden), len(hidden)),
-        "named_alone": Share(sum(how is Naming.ALONE for how in hidden), len(hidden)),
-        "false_claims": Share(sum(bool(flight.false) for flight in judged), len(judged)),
-        "small_claims": Share(sum(bool(flight.small) for flight in judged), len(judged)),
-        "held_out_worse": Share(sum(flight.worse for flight in judged), len(judged)),
-        "within_two_sigma": Share(sum(abs(value) < SIGMAS for value in errors), len(errors)),
+        "named": share_within_flights([how is not Naming.MISSED for _, how in flight.named] for flight in judged),
+        "named_alone": share_within_flights([how is Naming.ALONE for _, how in flight.named] for flight in judged),
+        "false_claims": share_of_flights(bool(flight.false) for flight in judged),
+        "small_claims": share_of_flights(bool(flight.small) for flight in judged),
+        "held_out_worse": share_of_flights(flight.worse for flight in judged),
+        "within_two_sigma": share_within_flights([abs(value) < SIGMAS for value in flight.errors.values()] for flight in judged),
     }
 
 
@@ -153,8 +139,7 @@ def by_derivative(judged: Sequence[Judged]) -> dict[str, tuple[Share, float, flo
     names = list(dict.fromkeys(name for flight in judged for name in flight.errors))
     out = {}
     for name in names:
-        errors = [flight.errors[name] for flight in judged if name in flight.errors]
         bias = np.array([flight.bias[name] for flight in judged if name in flight.bias])
-        inside = Share(sum(abs(value) < SIGMAS for value in errors), len(errors))
+        inside = share_of_flights(abs(flight.errors[name]) < SIGMAS for flight in judged if name in flight.errors)
         out[name] = (inside, float(np.median(bias)), float(np.median(np.abs(bias))))
     return out

@@ -7,11 +7,13 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.diagnosis.report.content import bounded, versions
+from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.terminal.plain_tables import table
-from scenarios.trials.standin.campaign import Judged, Share, by_derivative, by_effect, shares
+from scenarios.trials.scoring import Share
+from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
 from scenarios.trials.standin.declaration import StandIn
 
 _LABELS = {

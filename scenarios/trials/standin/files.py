@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from scenarios.diagnosis.report.content import bounded, positive, versions
-from scenarios.diagnosis.report.files import write_diagnosis
-from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json
-from scenarios.trials.standin.flight import Flight, write_flight
+from scenarios.diagnosis.report.content import bounded, positive
+from scenarios.files.versions import versions
+from scenarios.trials.folder import write_trial
+from scenarios.trials.standin.flights.flight import Flight, write_flight
 from scenarios.trials.standin.study import StandInStudy
-
-MAIN = "comparison.json"
 
 
 def write_standin(study: StandInStudy, folder: str | Path, *, figures: bool = True) -> Path:
     """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
-    write_diagnosis(study.tracing, folder, figures=figures)
-    with study_folder(folder, MAIN) as scratch:
-        write_flight(study.flight, scratch)
-        write_json(scratch / "truth.json", truth_content(study.flight))
-        write_json(scratch / MAIN, comparison(study))
-    return Path(folder)
+    return write_trial(study.tracing, partial(write_flight, study.flight), truth_content(study.flight), comparison(study), folder, figures=figures)
 
 
 def truth_content(flight: Flight) -> dict[str, Any]:

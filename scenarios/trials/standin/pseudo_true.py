@@ -10,9 +10,9 @@ import numpy as np
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.trim import about_trim
 from scenarios.trials.standin.declaration import MEASURED
-from scenarios.trials.standin.drawing import Drawn
 from scenarios.trials.standin.fitting import declared_model
-from scenarios.trials.standin.flying import fly_draws
+from scenarios.trials.standin.flights.drawing import Drawn
+from scenarios.trials.standin.flights.flying import fly_draws
 from scenarios.trials.standin.joint_fit import Point, fit_together
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, Regularity

@@ -10,11 +10,11 @@ from pydantic import BaseModel, Field
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.schema import Quantity, positive, si
+from scenarios.studies.quantities import Quantity, positive, si
 from scenarios.trials.aircraft import AIRCRAFT
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
-from scenarios.trials.standin.dominant import KINDS as EFFECTS
-from scenarios.trials.standin.maneuvers import KINDS as MANEUVERS
+from scenarios.trials.standin.flights.dominant import KINDS as EFFECTS
+from scenarios.trials.standin.flights.maneuvers import KINDS as MANEUVERS
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]

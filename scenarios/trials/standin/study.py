@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
-from scenarios.trials.scoring import TWINS
+from scenarios.preparation.request import Request
+from scenarios.trials.scoring import same_fault
 from scenarios.trials.standin.declaration import Causes, StandIn
-from scenarios.trials.standin.flight import Flight, fly_standin, write_flight
+from scenarios.trials.standin.flights.flight import Flight, fly_standin, write_flight
 
 Progress = Callable[[str, float], None]
 
@@ -76,7 +77,7 @@ def run_standin(standin: StandIn, seed: int | None = None, progress: Progress = 
 
 def diagnosed(records: Sequence[Path], vehicle: Path, progress: Progress = lambda stage, share: None) -> Tracing:
     """The loop on all records of a flight: the last one predicted, the others fitted together."""
-    return diagnose_files(records[:-1], "rigid", vehicle, records[-1:], progress=progress)
+    return diagnose_files(Request(tuple(records[:-1]), "rigid", vehicle, tuple(records[-1:])), progress)
 
 
 def scored(standin: StandIn, seed: int, flight: Flight, tracing: Tracing) -> StandInStudy:
@@ -99,8 +100,7 @@ def scored(standin: StandIn, seed: int, flight: Flight, tracing: Tracing) -> Sta
 
 def naming(hidden: str, claims: Sequence[Claim]) -> Naming:
     """Whether claims name a hidden effect; a lag and a delay of one sensor are one name."""
-    kind, colon, channel = hidden.partition(":")
-    right = {hidden, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {hidden}
+    right = same_fault(hidden)
     if any(claim.name in right for claim in claims):
         return Naming.ALONE
     return Naming.IN_GROUP if any(right & set(claim.alternatives) for claim in claims) else Naming.MISSED

@@ -8,9 +8,9 @@ from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.terminal.plain_tables import WIDTH, table
 from scenarios.terminal.quantities import value_text
 from scenarios.trials.standin.declaration import MEASURED
-from scenarios.trials.standin.drawing import Dominant, Drawn
 from scenarios.trials.standin.fitting import declared_model, left_over
-from scenarios.trials.standin.flight import Flight
+from scenarios.trials.standin.flights.drawing import Dominant, Drawn
+from scenarios.trials.standin.flights.flight import Flight
 from scenarios.trials.standin.study import StandInStudy
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,13 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.diagnosis.candidates import candidates_for, read_effects
-from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
+from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.errors import FlightidError
 from sim.record import Record
@@ -35,13 +38,26 @@ class Loop:
         return diagnosis_of(self.verdict, RIGID if model.equations.name == "rigid" else LOES, tuple(records), tuple(validation))
 
 
+def diagnosed(
+    records: Sequence[Path],
+    model: str,
+    vehicle: Path | None = None,
+    validate: Sequence[Path] = (),
+    effects: Path | None = None,
+    plan: Plan | None = None,
+    *,
+    trace: Loop,
+) -> Tracing:
+    return diagnose_files(Request(tuple(records), model, vehicle, tuple(validate), effects, plan=plan or Plan()), trace=trace)
+
+
 @pytest.fixture(autouse=True)
 def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the check of the kinematics was asked; it is not run here."""
     asked: list[tuple[Any, ...]] = []
 
-    def check(paths: Sequence[Path], declared: VehicleFile, channels: Path | None, plan: Plan | None) -> Kinematics:
-        asked.append((tuple(path.name for path in paths), declared.constants["airspeed"], channels, plan))
+    def check(files: Sequence[RecordFile], declared: VehicleFile, choices: Mapping[str, ColumnChoice] | None, plan: Plan | None) -> Kinematics:
+        asked.append((tuple(file.path.name for file in files), declared.constants["airspeed"], choices, plan))
         return Kinematics((), None, "not run")
 
     monkeypatch.setattr("scenarios.diagnosis.diagnose.kinematics_of_files", check)
@@ -69,7 +85,7 @@ def loes_files(folder: Path, *headers: str) -> list[Path]:
 def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, Path, Path]) -> None:
     train, validate, vehicle = files
     loop = Loop()
-    tracing = diagnose_files([train], "rigid", vehicle, [validate], trace=loop)
+    tracing = diagnosed([train], "rigid", vehicle, [validate], trace=loop)
     model = loop.given["model"]
     assert model.biases == ("alpha", "q", "nz") and not model.noise.measurement_std
     assert [record.name for record in loop.given["records"]] == ["train.csv"]
@@ -83,8 +99,8 @@ def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, P
 
 def test_kinematics_are_asked_of_all_records_where_a_verdict_needs_evidence(files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]]) -> None:
     train, validate, vehicle = files
-    assert diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.CONSISTENT)).kinematics is None and not checked
-    told = diagnose_files([train], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
+    assert diagnosed([train], "rigid", vehicle, [validate], trace=Loop(Verdict.CONSISTENT)).kinematics is None and not checked
+    told = diagnosed([train], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
     assert told.kinematics is not None and told.kinematics.why == "not run"
     assert checked == [(("train.csv", "validate.csv"), RIGID.constants["airspeed"], None, Plan())]
 
@@ -92,14 +108,14 @@ def test_kinematics_are_asked_of_all_records_where_a_verdict_needs_evidence(file
 def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:
     train, validate, vehicle = files
     loop = Loop()
-    diagnose_files([train], "rigid", vehicle, [validate], plan=Plan((Segment(1.0, 3.0),)), trace=loop)
+    diagnosed([train], "rigid", vehicle, [validate], plan=Plan((Segment(1.0, 3.0),)), trace=loop)
     assert (loop.given["records"][0].time[0], loop.given["records"][0].time[-1]) == (1.0, 3.0)
     assert len(loop.given["validation"][0]) == 200
 
 
 def test_last_part_of_a_single_record_is_held_out(files: tuple[Path, Path, Path]) -> None:
     loop = Loop()
-    tracing = diagnose_files([files[0]], "rigid", files[2], trace=loop)
+    tracing = diagnosed([files[0]], "rigid", files[2], trace=loop)
     (first,), (held,) = loop.given["records"], loop.given["validation"]
     assert len(first) + len(held) == 200
     assert tracing.held_out_from == held.time[0] > first.time[-1]
@@ -110,13 +126,13 @@ def test_last_part_of_a_single_record_is_held_out(files: tuple[Path, Path, Path]
 def test_the_last_of_several_records_is_held_out_whole(files: tuple[Path, Path, Path]) -> None:
     train, validate, vehicle = files
     loop = Loop()
-    tracing = diagnose_files([train, validate], "rigid", vehicle, trace=loop)
+    tracing = diagnosed([train, validate], "rigid", vehicle, trace=loop)
     (first,), (held,) = loop.given["records"], loop.given["validation"]
     assert (first.name, len(first), held.name, len(held)) == ("train.csv", 200, "validate.csv", 200)
     assert tracing.held_out_from is None and "the last record, validate.csv, is held out whole" in tracing.notes[0]
     assert [[file.name for file in some] for some in (tracing.inputs.records, tracing.inputs.validation)] == [["train.csv"], ["validate.csv"]]
     segments = Plan((Segment(0.5, 2.6), Segment(2.7, 3.9)))  # both parts of one file: it is fitted and predicted
-    parts = diagnose_files([train], "rigid", vehicle, plan=segments, trace=loop)
+    parts = diagnosed([train], "rigid", vehicle, plan=segments, trace=loop)
     assert [record.name for record in parts.validation] == ["train.csv[2.7-3.9 s]"] and parts.held_out_from is None
     assert parts.inputs.validation == () and len(parts.inputs.records) == 1
 
@@ -129,10 +145,10 @@ def test_a_record_that_the_others_do_not_cover_is_cut(files: tuple[Path, Path, P
     rows = [line.split(",") for line in train.read_text().splitlines()]
     still.write_text("\n".join(",".join([row[0], row[1] if k == 0 else "0", *row[2:]]) for k, row in enumerate(rows)))
     for other in (lean, still):
-        tracing = diagnose_files([other, validate], "rigid", vehicle, trace=Loop())
+        tracing = diagnosed([other, validate], "rigid", vehicle, trace=Loop())
         assert tracing.held_out_from is not None and len(tracing.records) == 2, other
     short = Plan((Segment(0.0, 0.6), Segment(0.7, 3.9)))  # too little would remain to be fitted
-    assert diagnose_files([train], "rigid", vehicle, plan=short, trace=Loop()).held_out_from is not None
+    assert diagnosed([train], "rigid", vehicle, plan=short, trace=Loop()).held_out_from is not None
 
 
 def test_what_says_nothing_is_no_validation(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
@@ -148,21 +164,21 @@ def test_what_says_nothing_is_no_validation(files: tuple[Path, Path, Path], tmp_
     for name, (lines, said) in poor.items():
         (tmp_path / f"{name}.csv").write_text("\n".join(lines))
         with pytest.raises(FlightidError, match=said) as caught:
-            diagnose_files([train], "rigid", vehicle, [tmp_path / f"{name}.csv"], trace=Loop())
+            diagnosed([train], "rigid", vehicle, [tmp_path / f"{name}.csv"], trace=Loop())
         assert "name a longer record with a maneuver" in str(caught.value)
 
 
 def test_vehicle_file_beside_the_record_serves(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     train, _, vehicle = files
-    assert diagnose_files([train], "rigid", trace=Loop()).inputs.vehicle.name == "vehicle.toml"
+    assert diagnosed([train], "rigid", trace=Loop()).inputs.vehicle.name == "vehicle.toml"
     vehicle.unlink()
     with pytest.raises(FlightidError, match=r"--vehicle: the rigid model needs .*vehicle\.toml beside train\.csv"):
-        diagnose_files([train], "rigid", trace=Loop())
+        diagnosed([train], "rigid", trace=Loop())
 
 
 def test_delay_and_lag_of_the_equivalent_model_are_no_candidates(tmp_path: Path) -> None:
     loop = Loop()
-    diagnose_files(loes_files(tmp_path, "stick [in]"), "loes", trace=loop)
+    diagnosed(loes_files(tmp_path, "stick [in]"), "loes", trace=loop)
     names = {effect.name for effect in loop.given["candidates"]}
     assert not names & {"input-delay", "actuator-lag"} and "input-deadband" in names
     assert loop.given["model"].biases == ("q",)
@@ -170,25 +186,25 @@ def test_delay_and_lag_of_the_equivalent_model_are_no_candidates(tmp_path: Path)
 
 def test_sticks_of_two_units_do_not_meet(tmp_path: Path) -> None:
     paths = loes_files(tmp_path, "stick [in]", "stick [in]", "stick_cm", "stick")
-    assert diagnose_files(paths[:2], "loes", trace=Loop()).stick_unit == "in"
+    assert diagnosed(paths[:2], "loes", trace=Loop()).stick_unit == "in"
     with pytest.raises(FlightidError, match=r"r2\.csv: the stick is in 'cm', in r0\.csv it is in 'in'"):
-        diagnose_files(paths[:1], "loes", validate=[paths[2]], trace=Loop())
+        diagnosed(paths[:1], "loes", validate=[paths[2]], trace=Loop())
     with pytest.raises(FlightidError, match=r"r3\.csv: the stick is in no unit"):
-        diagnose_files([paths[0], paths[3]], "loes", trace=Loop())
+        diagnosed([paths[0], paths[3]], "loes", trace=Loop())
 
 
 def test_wrong_calls_are_refused_in_one_line(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     train, _, vehicle = files
     with pytest.raises(FlightidError, match=r"--model: there is no model 'rigide'"):
-        diagnose_files([train], "rigide", vehicle, trace=Loop())
+        diagnosed([train], "rigide", vehicle, trace=Loop())
     with pytest.raises(FlightidError, match="named twice"):
-        diagnose_files([train], "rigid", vehicle, [tmp_path / "." / "train.csv"], trace=Loop())
+        diagnosed([train], "rigid", vehicle, [tmp_path / "." / "train.csv"], trace=Loop())
     lean = tmp_path / "lean.csv"
     lean.write_text("time,elevator,nz\n" + "\n".join(f"{0.02 * k},0,1" for k in range(50)))
     other = tmp_path / "other.csv"
     other.write_text("time,elevator,q\n" + "\n".join(f"{0.02 * k},0,{0.001 * k}" for k in range(50)))
     with pytest.raises(FlightidError, match=r"other\.csv: none of the fitted channels \(nz\)"):
-        diagnose_files([lean], "rigid", vehicle, [other], trace=Loop())
+        diagnosed([lean], "rigid", vehicle, [other], trace=Loop())
 
 
 def example() -> str:
@@ -200,7 +216,7 @@ def test_documented_effect_joins_the_candidates(files: tuple[Path, Path, Path], 
     own = tmp_path / "my_effects.py"
     own.write_text(example())
     loop = Loop()
-    tracing = diagnose_files([train], "rigid", vehicle, [validate], own, trace=loop)
+    tracing = diagnosed([train], "rigid", vehicle, [validate], own, trace=loop)
     assert loop.given["candidates"][-1].name == "vane-upwash"
     assert tracing.inputs.effects[0].name == "my_effects.py"
     assert "{curvature}" in tracing.own["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]

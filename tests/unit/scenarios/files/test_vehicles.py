@@ -189,7 +189,7 @@ def test_wrong_modes(tmp_path: Path) -> None:
 def test_files_that_are_no_vehicle(tmp_path: Path) -> None:
     refused(tmp_path, "mass = \n", "rigid", "not valid TOML", "line 1")
     refused(tmp_path, "mass = 1\nmass = 2\n", "rigid", "not valid TOML", "line 2")
-    refused(tmp_path, RIGID.format(extra=""), "rocket", "no model 'rocket'", "rigid, flexible, loes, ballistic")
+    refused(tmp_path, RIGID.format(extra=""), "rocket", "no model 'rocket'", "ballistic, rigid, flexible, loes")
     (tmp_path / "plane.toml").write_bytes(b'name = "\xff"\n')
     with pytest.raises(DeclarationError, match=r"plane\.toml: not UTF-8 text; save"):
         read_vehicle(tmp_path / "plane.toml", "rigid")

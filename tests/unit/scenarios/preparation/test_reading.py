@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.records import read_record
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.interpreting import held_by_computer, linear_by
@@ -38,10 +39,10 @@ def test_az_serves_as_nz_where_there_is_none(tmp_path: Path, linear: FallingSpee
     rows = np.array([linear.time, linear.elevator, linear.alpha, linear.q, -(linear.nz + 1.0)]).T
     header = "time,elevator,alpha,q,az [g]"
     np.savetxt(tmp_path / "az.csv", rows, delimiter=",", header=header, comments="", fmt="%.12g")
-    (first,), (second,) = (prepare([path], declared(), Plan()).fitted for path in (with_nz, tmp_path / "az.csv"))
+    (first,), (second,) = (prepare(read_record_files([path]), declared(), Plan()).fitted for path in (with_nz, tmp_path / "az.csv"))
     assert second.output_names == OUTPUTS and second["nz"].unit == "g"
     np.testing.assert_allclose(second["nz"].values, first["nz"].values + 1.0, atol=1e-10)
-    notes = prepare([tmp_path / "az.csv"], declared(), Plan()).notes
+    notes = prepare(read_record_files([tmp_path / "az.csv"]), declared(), Plan()).notes
     assert any(note == "az.csv: nz is -az/9.80665" for note in notes)
 
 
@@ -69,11 +70,11 @@ def test_further_channels_that_cannot_be_read_as_such_count_as_absent(tmp_path: 
 def test_segments_become_records_of_their_own(tmp_path: Path, linear: FallingSpeed) -> None:
     path = write_flown(tmp_path / "r.csv", linear)
     plan = Plan((Segment(2.0, 8.0), Segment(11.5, 19.0)))
-    ready = prepare([path], declared(), plan, validate=[write_flown(tmp_path / "v.csv", linear)])
+    ready = prepare(read_record_files([path]), declared(), plan, validate=read_record_files([write_flown(tmp_path / "v.csv", linear)]))
     assert [record.name for record in ready.fitted] == ["r.csv[2-8 s]", "r.csv[11.5-19 s]"]
     assert [(record.time[0], record.time[-1]) for record in ready.fitted] == [(2.0, 8.0), (11.5, 19.0)]
     assert [(record.name, len(record)) for record in ready.validation] == [("v.csv", len(linear.time))]
-    (alone,) = prepare([path], declared(), Plan((Segment(2.0, 8.0),))).fitted
+    (alone,) = prepare(read_record_files([path]), declared(), Plan((Segment(2.0, 8.0),))).fitted
     assert alone.name == "r.csv" and len(alone) == 301
 
 
@@ -81,20 +82,20 @@ def test_segments_become_records_of_their_own(tmp_path: Path, linear: FallingSpe
 def test_the_data_tell_linear_from_held(seed: int, tmp_path: Path, linear: FallingSpeed, held: FallingSpeed) -> None:
     for flown, due in ((linear, Hold.LINEAR), (held, Hold.PREVIOUS)):
         path = write_flown(tmp_path / "r.csv", flown, rng=np.random.default_rng(seed))
-        ready = prepare([path], declared(), Plan())
+        ready = prepare(read_record_files([path]), declared(), Plan())
         assert ready.fitted[0].hold is due
         assert any("inputs linear between samples" in note and "--hold previous" in note for note in ready.notes) == (due is Hold.LINEAR)
 
 
 def test_a_sidecar_and_the_user_decide_before_the_data(tmp_path: Path, linear: FallingSpeed) -> None:
     path = write_flown(tmp_path / "r.csv", linear, rng=np.random.default_rng(0))
-    (by_hand,) = prepare([path], declared(), Plan(hold=Hold.PREVIOUS)).fitted
+    (by_hand,) = prepare(read_record_files([path]), declared(), Plan(hold=Hold.PREVIOUS)).fitted
     assert by_hand.hold is Hold.PREVIOUS
     (tmp_path / "r.json").write_text(json.dumps({"schema": "flightid/record/1", "hold": "previous"}))
-    (by_sidecar,) = prepare([path], declared(), Plan()).fitted
+    (by_sidecar,) = prepare(read_record_files([path]), declared(), Plan()).fitted
     assert by_sidecar.hold is Hold.PREVIOUS
     (tmp_path / "r.json").write_text(json.dumps({"schema": "flightid/record/1", "units": {"alpha": "rad"}}))
-    (silent,) = prepare([path], declared(), Plan()).fitted
+    (silent,) = prepare(read_record_files([path]), declared(), Plan()).fitted
     assert silent.hold is Hold.LINEAR
 
 
@@ -112,7 +113,7 @@ def test_trims_and_the_measured_speed_are_told(tmp_path: Path) -> None:
     resting = np.where(flown.time < 1.2, 0.0, columns["elevator"]) + 0.03
     rows = np.array([flown.time, resting, *(columns[name] for name in OUTPUTS), columns["airspeed"]]).T
     np.savetxt(tmp_path / "r.csv", rows, delimiter=",", header="time,elevator,alpha,q,nz,airspeed", comments="", fmt="%.12g")
-    ready = prepare([tmp_path / "r.csv"], declared(), Plan())
+    ready = prepare(read_record_files([tmp_path / "r.csv"]), declared(), Plan())
     told = "\n".join(ready.notes)
     taken = re.search(r"r\.csv: trim of elevator taken off, ([0-9.]+) deg", told)
     assert taken is not None and abs(np.radians(float(taken[1])) - 0.03) < 0.001
@@ -124,6 +125,6 @@ def test_trims_and_the_measured_speed_are_told(tmp_path: Path) -> None:
 
 def test_a_record_of_perturbations_alone_has_no_trim_lift(tmp_path: Path) -> None:
     path = write_flown(tmp_path / "r.csv", fly_falling(weight=False), (*OUTPUTS, "airspeed"), np.random.default_rng(0))
-    ready = prepare([path], declared(), Plan())
+    ready = prepare(read_record_files([path]), declared(), Plan())
     assert ready.fitted[0].input_names == ("elevator", "airspeed_change")
     assert any("perturbations alone fit better" in note for note in ready.notes)

@@ -10,7 +10,6 @@ from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.trials.aircraft import NOISE, drawn_aircraft
 from scenarios.trials.detection import SETTINGS, Alarm, Detection, Finding, alarm_rows, detection_rows, flown, found, size_of, with_effect
 from scenarios.trials.detection import _first as first_maneuver
-from scenarios.trials.scoring import interval
 from tests.diagnoses import tracing_of
 
 
@@ -31,14 +30,6 @@ def test_size_brings_the_expected_gain(effect: str) -> None:
 
     left = least_squares(misfit, np.zeros(len(names) + len(states)), max_nfev=6).fun
     assert 0.5 * float(left @ left) == pytest.approx(25.0, rel=0.15)
-
-
-def test_intervals_are_those_of_the_binomial() -> None:
-    assert interval(0, 200)[0] == 0.0
-    assert interval(0, 200)[1] == pytest.approx(1.0 - 0.025 ** (1.0 / 200.0))
-    assert interval(200, 200)[1] == 1.0
-    low, high = interval(19, 20)
-    assert low < 0.95 < high
 
 
 def test_rows_count_what_they_say() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.trials.aircraft import drawn_aircraft
-from scenarios.trials.examination import KINDS, Mark, Paper, _flown, _maneuvers, _mark, examine, summary
+from scenarios.trials.examination import Mark, Paper, _flown, _maneuvers, _mark, examine, summary
+from scenarios.trials.kinds import KINDS
 from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model
 from sim.effects.library import effect_names

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
-from scenarios.diagnosis.diagnose import InputFile
 from scenarios.diagnosis.report.content import LARGEST, diagnosis_content
+from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import json_text
 from tests.diagnoses import BALLISTIC, LOES, RIGID, tracing_of

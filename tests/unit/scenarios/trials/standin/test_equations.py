@@ -14,9 +14,9 @@ from scipy.integrate import quad
 
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
 from scenarios.trials.hidden.curved_loads import CurvedLoads
-from scenarios.trials.standin.drawing import Dominant, draw, hiding, short_period, with_term
-from scenarios.trials.standin.flying import fly_drawn
-from scenarios.trials.standin.maneuvers import KINDS, Table, maneuver
+from scenarios.trials.standin.flights.drawing import Dominant, draw, hiding, short_period, with_term
+from scenarios.trials.standin.flights.flying import fly_drawn
+from scenarios.trials.standin.flights.maneuvers import KINDS, Table, maneuver
 from scenarios.trials.standin.pseudo_true import pseudo_true
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError

@@ -11,11 +11,11 @@ import pytest
 
 from scenarios.studies.catalogue import load_document, scenario_names
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, Hidden
-from scenarios.trials.standin.dominant import KINDS, LEAST, group, sized
-from scenarios.trials.standin.drawing import Dominant, Drawn, draw, hiding
 from scenarios.trials.standin.fitting import declared_model, left_over, misfit
-from scenarios.trials.standin.flight import fly_standin, write_flight
-from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.flights.dominant import KINDS, LEAST, group, sized
+from scenarios.trials.standin.flights.drawing import Dominant, Drawn, draw, hiding
+from scenarios.trials.standin.flights.flight import fly_standin, write_flight
+from scenarios.trials.standin.flights.flying import fly_drawn
 from scenarios.trials.standin.schema import standin_of
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect

@@ -15,13 +15,14 @@ from scipy.stats import binom
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.studies.catalogue import load_document, load_scenario
+from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin import campaign, schema, study
-from scenarios.trials.standin.campaign import Judged, Share, by_derivative, by_effect, fly_standin_campaign, shares, worsened
+from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, fly_standin_campaign, shares, worsened
 from scenarios.trials.standin.campaign_text import campaign_text
 from scenarios.trials.standin.declaration import Causes
-from scenarios.trials.standin.drawing import Dominant, draw, hiding
-from scenarios.trials.standin.flight import Flight
-from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.flights.drawing import Dominant, draw, hiding
+from scenarios.trials.standin.flights.flight import Flight
+from scenarios.trials.standin.flights.flying import fly_drawn
 from scenarios.trials.standin.schema import standin_of
 from scenarios.trials.standin.study import Naming, StandInStudy, acts, naming, scored
 from scenarios.trials.standin.text import standin_text
@@ -132,10 +133,19 @@ def test_shares_of_a_campaign() -> None:
     assert (inside.count, inside.of) == (2, 2) and middle == pytest.approx(0.0) and size == pytest.approx(0.1)
 
 
-def test_intervals_are_those_of_clopper_and_pearson() -> None:
-    low, high = Share(5, 100).interval
+def test_flights_are_counted_by_clopper_and_pearson_and_what_one_flight_says_together() -> None:
+    low, high = share_of_flights([True] * 5 + [False] * 95).interval
     assert binom.sf(4, 100, low) == pytest.approx(0.025) and binom.cdf(5, 100, high) == pytest.approx(0.025)
-    assert Share(0, 0).interval == (0.0, 1.0)
+    assert share_of_flights([]) == Share(0, 0, (0.0, 1.0))
+    # Six derivatives that are right or wrong together are one trial, not six.
+    flights = [[number % 5 > 0] * 6 for number in range(50)]
+    together = share_within_flights(flights)
+    once = share_of_flights(flight[0] for flight in flights)
+    assert (together.count, together.of) == (240, 300)
+    assert together.interval == pytest.approx(once.interval, abs=0.04)
+    narrow = share_of_flights(hit for flight in flights for hit in flight).interval
+    assert together.interval[1] - together.interval[0] > 2.0 * (narrow[1] - narrow[0])
+    assert share_within_flights([[True], [], [False]]) == share_of_flights([True, False])
 
 
 def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.trials.standin.declaration import StandIn
-from scenarios.trials.standin.dominant import draw_dominant
-from scenarios.trials.standin.drawing import Drawn, draw
-from scenarios.trials.standin.flying import FlownRecord, fly_drawn
+from scenarios.trials.standin.flights.dominant import draw_dominant
+from scenarios.trials.standin.flights.drawing import Drawn, draw
+from scenarios.trials.standin.flights.flying import FlownRecord, fly_drawn
 from sim.record import Record
 from sim.vehicles.factory import RIGID_CONSTANTS
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.trials.standin.drawing import Dominant, Drawn, hiding, short_period
 from scenarios.trials.standin.fitting import declared_model, misfit
-from scenarios.trials.standin.flying import fly_drawn
+from scenarios.trials.standin.flights.drawing import Dominant, Drawn, hiding, short_period
+from scenarios.trials.standin.flights.flying import fly_drawn
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 from sim.maths.splines import shape_names

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scenarios.files.sources import Source
 from sim.errors import RecordError
 
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
@@ -45,27 +46,18 @@ class Numbers:
     texts: Mapping[int, str]
 
 
-def read_table(path: Path) -> Table:
+def table_of(source: Source) -> Table:
     """The table in a file: ``.parquet``/``.pq``, ``.mat``, anything else as comma-separated text (``.gz``: compressed).
 
     Raises
     ------
-    RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows.
+    RecordError : the file is empty, damaged, not UTF-8, or has a header and no rows.
     """
-    if not path.exists():
-        raise RecordError("there is no such file", where=str(path), remedy="check the path")
-    if path.is_dir():
-        raise RecordError("this is a folder", where=str(path), remedy="name the record file in it")
-    reader = _READERS.get(path.suffix.lower(), _read_csv)
-    try:
-        if path.is_file() and path.stat().st_size == 0:  # a pipe has no size
-            raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
-        table = reader(path)
-    except OSError as error:
-        what = f"cannot be read ({error.strerror or first_line(error)})"
-        raise RecordError(what, where=str(path), remedy="check the file and its permissions") from None
+    if not source.content:
+        raise RecordError("the file is empty", where=str(source.path), remedy="give a header row and one row a sample")
+    table = _READERS.get(source.path.suffix.lower(), _csv_table)(source.path, source.content)
     if table.rows.size == 0:
-        raise RecordError("there is a header but no rows", where=str(path), remedy="give one row a sample")
+        raise RecordError("there is a header but no rows", where=str(source.path), remedy="give one row a sample")
     return table
 
 
@@ -104,8 +96,7 @@ def _number(text: str) -> float:
     return float(text)
 
 
-def _read_csv(path: Path) -> Table:
-    raw = path.read_bytes()
+def _csv_table(path: Path, raw: bytes) -> Table:
     if path.suffix.lower() == ".gz":
         try:
             raw = gzip.decompress(raw)
@@ -139,7 +130,7 @@ def _read_csv(path: Path) -> Table:
     return Table(str(path), header, columns, np.array([row for row, _ in lines[1:]], dtype=int), ragged)
 
 
-def _read_parquet(path: Path) -> Table:
+def _parquet_table(path: Path, raw: bytes) -> Table:
     try:
         import pandas
         import pyarrow  # noqa: F401  pandas would choose and name another engine
@@ -147,7 +138,7 @@ def _read_parquet(path: Path) -> Table:
         what = f"reading Parquet needs {error.name}, which is not installed"
         raise RecordError(what, where=str(path), remedy="python -m pip install pyarrow, or save the record as CSV") from None
     try:
-        frame = pandas.read_parquet(path, engine="pyarrow")
+        frame = pandas.read_parquet(io.BytesIO(raw), engine="pyarrow")
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise RecordError(f"not a Parquet file ({first_line(error)})", where=str(path), remedy="write it again, or save the record as CSV") from None
     if frame.index.name is not None:
@@ -160,11 +151,11 @@ def _read_parquet(path: Path) -> Table:
     return Table(str(path), tuple(one_line(str(name)) for name in frame.columns), tuple(columns), np.arange(1, len(frame) + 1))
 
 
-def _read_mat(path: Path) -> Table:
+def _mat_table(path: Path, raw: bytes) -> Table:
     from scipy.io import loadmat
 
     try:
-        content = loadmat(path, simplify_cells=True)
+        content = loadmat(io.BytesIO(raw), simplify_cells=True)
     except NotImplementedError:
         raise RecordError("MAT files of version 7.3 are not read", where=str(path), remedy="save it in MATLAB with -v7") from None
     except Exception as error:  # a damaged file fails in many ways inside the library
@@ -181,4 +172,4 @@ def _read_mat(path: Path) -> Table:
     return Table(str(path), tuple(vectors), tuple(vectors.values()), np.arange(1, rows + 1))
 
 
-_READERS: Mapping[str, Callable[[Path], Table]] = {".parquet": _read_parquet, ".pq": _read_parquet, ".mat": _read_mat}
+_READERS: Mapping[str, Callable[[Path, bytes], Table]] = {".parquet": _parquet_table, ".pq": _parquet_table, ".mat": _mat_table}

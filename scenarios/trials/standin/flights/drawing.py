@@ -11,9 +11,9 @@ import numpy as np
 from scenarios.trials.aircraft import AIRCRAFT, USUAL
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
 from scenarios.trials.hidden.curved_loads import CurvedLoads
-from scenarios.trials.standin.aircraft import LongitudinalFlight
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, StandIn
-from scenarios.trials.standin.maneuvers import Table, maneuver
+from scenarios.trials.standin.flights.aircraft import LongitudinalFlight
+from scenarios.trials.standin.flights.maneuvers import Table, maneuver
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter, ParameterSet

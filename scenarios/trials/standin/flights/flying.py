@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
-from scenarios.trials.standin.drawing import ELEVATOR, Dominant, Drawn, with_term
-from scenarios.trials.standin.maneuvers import CELL, Table
+from scenarios.trials.standin.flights.drawing import ELEVATOR, Dominant, Drawn, with_term
+from scenarios.trials.standin.flights.maneuvers import CELL, Table
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.maneuvers.steps import Maneuver

@@ -1,0 +1,43 @@
+"""What a command asks of measured records: which files, for which model, how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scenarios.preparation.plan import Plan
+
+if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
+    from scenarios.files.channels import ColumnChoice
+
+
+@dataclass(frozen=True)
+class Request:
+    """The files of a call and how they are read, as the command line took them.
+
+    Attributes
+    ----------
+    records : files that are fitted or checked.
+    model : one of ``MODELS`` of the vehicle files; empty where none is asked for.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
+    validate : files that are predicted, whole. effects : a user's Python file; it is run.
+    channels : a channel map, for all records.
+    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
+    """
+
+    records: tuple[Path, ...]
+    model: str = ""
+    vehicle: Path | None = None
+    validate: tuple[Path, ...] = ()
+    effects: Path | None = None
+    channels: Path | None = None
+    plan: Plan = field(default_factory=Plan)
+
+
+def column_choices(request: Request) -> Mapping[str, ColumnChoice] | None:
+    """The channel map that a request names, read now; None where it names none. Raises DeclarationError."""
+    from scenarios.files.channels import read_channel_map
+
+    return read_channel_map(request.channels) if request.channels is not None else None

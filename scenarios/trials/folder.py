@@ -1,0 +1,26 @@
+"""The study folder of a trial: what the loop was given, what it said, what was true."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.files import write_diagnosis
+from scenarios.files.folders import study_folder
+from scenarios.files.writing import write_json
+
+MAIN = "comparison.json"
+
+
+def write_trial(
+    tracing: Tracing, given: Callable[[Path], object], truth: dict[str, Any], comparison: dict[str, Any], folder: str | Path, *, figures: bool
+) -> Path:
+    """Write the diagnosis, what was ``given`` to the loop (records and vehicle file), truth and ``comparison.json`` (last); returns the folder."""
+    write_diagnosis(tracing, folder, figures=figures)
+    with study_folder(folder, MAIN) as scratch:
+        given(scratch)
+        write_json(scratch / "truth.json", truth)
+        write_json(scratch / MAIN, comparison)
+    return Path(folder)

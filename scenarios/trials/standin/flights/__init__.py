@@ -1,0 +1,1 @@
+"""How a stand-in flies: aircraft, what is drawn, maneuvers, small causes, records."""

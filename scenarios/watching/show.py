@@ -1,0 +1,86 @@
+"""What a stream shows while it arrives, a live table or a line a second, and what it ends with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
+
+import numpy as np
+
+from ident.banks.online import BankState
+from scenarios.watching.session import Session, Step, likely_estimate
+from scenarios.watching.session import derived_so_far as derived_of_session
+from scenarios.watching.stream import Watch
+from scenarios.watching.study import Outcome
+from scenarios.watching.table import View, live_table, outside_of, standings
+from scenarios.watching.table import line as view_line
+
+REFRESH = 0.25  # s between two drawings of the live table
+
+
+def view_of(watch: Watch, session: Session, state: BankState | None = None, spikes: int | None = None) -> View:
+    """The stream at a state of the bank, the last when None."""
+    bank, state = session.bank, session.state if state is None else state
+    assert bank is not None and state is not None
+    estimate, weights, delay = likely_estimate(bank, state)
+    items = standings(estimate, derived_of_session(session, estimate, delay), watch.reference)
+    silent = time.monotonic() - watch.heard
+    spikes = session.spikes if spikes is None else spikes
+    return View(watch.name, state.time, state.rows_seen, watch.left_out, spikes, items, bank.delays, weights, silent, bool(state.sound.any()))
+
+
+class Show:
+    """Draws a live table on a terminal, else prints a line for every second of data."""
+
+    def __init__(self, watch: Watch) -> None:
+        from rich.live import Live
+
+        from scenarios.terminal.numbers import console
+
+        self._watch, self._said, self._drawn = watch, -np.inf, 0.0
+        terminal = console()
+        self.live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
+
+    def __call__(self, steps: Sequence[Step]) -> None:
+        """Show the last state, or a line for the last of ``steps`` in each second."""
+        session = self._watch.session
+        if session is None or session.state is None:
+            return
+        if self.live is not None:
+            now = time.monotonic()
+            if now - self._drawn >= REFRESH:
+                self._drawn = now
+                self.live.update(live_table(view_of(self._watch, session)), refresh=True)
+            return
+        # Of those that were collected before the filter started only the last counts.
+        told = list(steps)[-1:] if self._said == -np.inf else steps
+        seconds = [int(np.floor(step.row[0])) for step in told]
+        for step, second, after in zip(told, seconds, [*seconds[1:], None], strict=False):
+            if second > self._said and second != after:
+                self._said = second
+                print(view_line(view_of(self._watch, session, step.state, step.spikes)), flush=True)
+
+
+@contextmanager
+def display(watch: Watch) -> Iterator[Show]:
+    """Gives what shows the stream's states; on a terminal its live table stands while the body runs."""
+    show = Show(watch)
+    with show.live if show.live is not None else nullcontext():
+        yield show
+
+
+def print_end(watch: Watch, session: Session, end: Outcome) -> None:
+    """The last table, why the stream ended, and what lies outside the reference's bounds."""
+    from scenarios.terminal.numbers import console
+
+    terminal = console()
+    view = replace(view_of(watch, session), standings=end.standings, silent=0.0)
+    kind = "on line, the most likely filter" if end.found is None else "refined over all rows"
+    terminal.print(f"{watch.reason}; {kind}:", highlight=False)
+    terminal.print(live_table(view))
+    outside = outside_of(end.standings)
+    if watch.reference is not None:
+        said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"inside the bounds of {watch.reference.name}"
+        terminal.print(said, highlight=False)
