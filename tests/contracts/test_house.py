@@ -18,8 +18,6 @@ MOST_FILES, MOST_LINES = 15, 60
 LONG = {
     "ident/banks/any_equations.py::march_of_steps": "predict, update and march share the arrays that are made once",
     "ident/banks/bilinear_equations.py::along": "one pass over time, written out so that nothing is allocated in it",
-    "ident/tracing/loop.py::diagnose": "the stages of the loop in their order; to be split",
-    "ident/whole_record/layout.py::lay_out": "a quarter of it says what the arguments are",
     "scenarios/diagnosis/diagnose.py::diagnose_files": "a third of it says what the arguments are; to be split",
     "scenarios/files/records.py::read_record": "half of it says what the arguments are and what is refused",
     "scenarios/identification/identify.py::identify": "one branch a kind of model; to be split",
