@@ -30,7 +30,7 @@ variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies;
     1 AC1    12.57   0.211            7.1        0.0296    63.1    0.69    yes, noticed (0.34 on)
     0.9      11.3    0.255            6.6        0.0373    88.4    1.25    no
     0.7       8.80   0.397            5.6        0.0674   219.9    4.27    no
-    0.5 AC2   6.29   0.720            5.9        0.1603   510.9    9.62    no
+    0.5 AC2   6.29   0.720            5.8        0.1603   510.9    9.62    no
 
 For this maneuver and noise the threshold lies near factor 0.93, a degree of 0.035. The separation alone is no
 measure: with falling frequencies the short period slows down too.
