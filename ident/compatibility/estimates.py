@@ -12,7 +12,7 @@ from ident.compatibility.instruments import part_of_controls
 from ident.compatibility.noise import walk_gains
 from ident.compatibility.unknowns import linearised, unknowns_of
 from ident.statistics.coloured_covariance import corrected_covariance
-from ident.statistics.information import bounded_inverse, covariance_of
+from ident.statistics.information import OPEN, bounded_inverse, inverse_information
 
 _PASSES = 4
 
@@ -32,7 +32,7 @@ def smoother_sigmas(found: Fit) -> Sigmas:
     for (_, jacobian), where in zip(white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
-    inverse = covariance_of(information)
+    inverse, _ = inverse_information(information, floor=OPEN)
     parts = [(where, jacobian, e, s.valid) for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)]
     corrected = corrected_covariance(inverse, parts, np.ones(len(found.noise.outputs)))
     own, wide = np.diag(inverse), np.diag(corrected)
@@ -81,7 +81,7 @@ def output_error(found: Fit) -> tuple[np.ndarray, np.ndarray]:
         ahead = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
         walk = np.einsum("mi,mnc->inc", walk_gains(s, found.noise), ahead) * s.steps[None, :, None]
         spread[np.ix_(where, where)] += np.einsum("inc,i,ind->cd", walk, found.noise.density, walk)
-    inverse = covariance_of(information)
+    inverse, _ = inverse_information(information, floor=OPEN)
     return np.concatenate([*own, sizes]), inverse @ spread @ inverse
 
 

@@ -22,6 +22,7 @@ from ident.estimate import LARGEST, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import conditional_scale, inverse_information
+from ident.statistics.normal_equations import add_normal_equations, unresolved
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.maths.elementary import COMPLEX_STEP
@@ -107,9 +108,12 @@ def run_equation_error(records: Sequence[Record], system: System, settings: Regr
         step = np.zeros_like(theta)
         if at.size:
             step[at] = inverse_information(information[np.ix_(at, at)], theta[at])[0] @ gradient[at]
-        theta, parts, moved = _descend(layout, theta, step, low, high, parts)
-        if np.max(np.abs(moved) / conditional_scale(information, theta)) < settings.tolerance:
+        whole = np.clip(theta + step, low, high) - theta
+        theta, parts, share = _descend(layout, theta, step, low, high, parts)
+        if np.max(np.abs(whole) / conditional_scale(information, theta)) < settings.tolerance:
             outcome = Outcome.CONVERGED
+            break
+        if share == 0.0:
             break
     return _finished(layout, theta, parts, outcome, done, settings)
 
@@ -196,26 +200,23 @@ def _normal_equations(layout: _Layout, parts: list[_Equations], n: int) -> tuple
     variance, _ = _variances(parts)
     information, gradient = np.zeros((n, n)), np.zeros(n)
     for r, part in enumerate(parts):
-        at = layout.columns(r)
-        J = part.jacobian.reshape(-1, len(at))
-        weight = np.repeat(1.0 / variance, part.residual.shape[1])
-        information[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
-        gradient[at] += J.T @ (weight * part.residual.ravel())
+        weight = np.broadcast_to(1.0 / variance[:, None], part.residual.shape)
+        add_normal_equations(information, gradient, layout.columns(r), part.jacobian, part.residual, weight)
     return information, gradient
 
 
 def _descend(
     layout: _Layout, theta: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray, parts: list[_Equations]
-) -> tuple[np.ndarray, list[_Equations], np.ndarray]:
-    """The step, halved until the cost does not rise; the point, its residuals, and how far it moved."""
-    cost, share = _cost(parts), 1.0
+) -> tuple[np.ndarray, list[_Equations], float]:
+    """The step, halved until the cost does not rise; the point, its residuals, and the share of the step that was taken."""
+    cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
     for _ in range(12):
         trial = np.clip(theta + share * step, low, high)
         new = _evaluate(layout, trial)
-        if new is not None and _cost(new) <= cost + 1e-9 * abs(cost):
-            return trial, new, trial - theta
+        if new is not None and _cost(new) <= cost + resolved:
+            return trial, new, share
         share *= 0.5
-    return theta, parts, np.zeros_like(theta)
+    return theta, parts, 0.0
 
 
 def _finished(layout: _Layout, theta: np.ndarray, parts: list[_Equations], outcome: Outcome, done: int, settings: RegressionSettings) -> Estimate:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-_UNDETERMINED = 1e-9
-
-UNDETERMINED = 1e-14  # share of the largest eigenvalue of the scaled information below which a direction is not determined
+UNDETERMINED = 1e-14  # share of the largest eigenvalue of the scaled information below which a direction is not determined: rounding
+OPEN = 1e-9  # the same where the sensitivities themselves are good to some digits only: differences of simulated kinematics
+FOLLOWED = 1e-12  # share below which a step does not follow a direction at all
 
 
 def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -15,28 +15,27 @@ def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), np.maximum(np.abs(size), 1.0))
 
 
-def inverse_information(information: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, bool]:
+def inverse_information(information: np.ndarray, size: np.ndarray | float = 0.0, floor: float = UNDETERMINED) -> tuple[np.ndarray, bool]:
     """Covariance ``(n, n)`` and whether every direction is determined.
 
-    A direction that is not keeps a finite, very large sigma: ``1 / sqrt(UNDETERMINED)`` in units of ``conditional_scale``.
+    A direction that holds less than ``floor`` of the scaled information keeps a finite, very large sigma: ``1 / sqrt(floor)`` in units of
+    ``conditional_scale``. ``size`` of the unknowns: see there.
     """
-    scale = conditional_scale(information, size)
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    floor = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
-    inverse = np.outer(scale, scale) * ((vectors / np.maximum(values, floor)) @ vectors.T)
-    return inverse, bool(values[0] > floor)
-
-
-def covariance_of(information: np.ndarray) -> np.ndarray:
-    """Inverse in which a direction that is not determined keeps a variance far beyond all others."""
-    scale = 1.0 / np.sqrt(np.where(np.diag(information) > 0, np.diag(information), 1.0))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    return np.asarray(np.outer(scale, scale) * ((vectors / np.maximum(values, _UNDETERMINED * max(float(values[-1]), 1e-300))) @ vectors.T))
+    square, values, vectors = _spectrum(information, size)
+    least = floor * (float(values[-1]) if values[-1] > 0 else 1.0)
+    return square * ((vectors / np.maximum(values, least)) @ vectors.T), bool(values[0] > least)
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse without directions that hold less than 1e-12 of the scaled information."""
-    scale = 1.0 / np.sqrt(np.where(np.diag(information) > 0, np.diag(information), 1.0))
-    values, vectors = np.linalg.eigh(information * np.outer(scale, scale))
-    told = values > 1e-12 * max(float(values[-1]), 1e-300)
-    return np.asarray(np.outer(scale, scale) * ((vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)) @ vectors.T))
+    """Inverse ``(n, n)`` for a step, without the directions that hold less than FOLLOWED of the scaled information."""
+    square, values, vectors = _spectrum(information, 0.0)
+    told = values > FOLLOWED * max(float(values[-1]), 1e-300)
+    return square * ((vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)) @ vectors.T)
+
+
+def _spectrum(information: np.ndarray, size: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of the information in their units."""
+    scale = conditional_scale(information, np.broadcast_to(np.asarray(size, dtype=float), len(information)))
+    square = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(information * square)
+    return square, values, vectors

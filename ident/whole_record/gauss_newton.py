@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from ident.estimate import LARGEST, Outcome
-from ident.statistics.information import conditional_scale
+from ident.statistics.normal_equations import LocalModel, add_normal_equations, local_model, unresolved
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.layout import ROUNDING, FitLayout
+from ident.whole_record.layout import ROUNDING, FitLayout, FitSettings
 from ident.whole_record.linearise import Linearisation, linearise
 from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
@@ -98,11 +98,8 @@ class Fit:
             gradient += terms[0]
             normal += terms[1]
         for r, (problem, residual) in enumerate(zip(self.layout.problems, self.residuals, strict=True)):
-            at = self.layout.columns(r)
-            weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0).ravel()
-            J = self.jacobians[r].reshape(-1, len(at))
-            normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
-            gradient[at] += J.T @ (weight * residual.ravel())
+            weight = np.where(problem.valid, 1.0 / self.variance[:, None], 0.0)
+            add_normal_equations(normal, gradient, self.layout.columns(r), self.jacobians[r], residual, weight)
         return normal, gradient
 
 
@@ -123,37 +120,40 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
-    normal, gradient = fit.normal_equations()
     curved = bool(noise_model.names)
     floor = _LEAST_DAMPING if curved else 1e-12
     moves: list[tuple[np.ndarray, np.ndarray]] = []
+    gradient = fit.normal_equations()[1]
+    model = local_model(*fit.normal_equations(), fit.theta, low, high)
     while done < settings.iterations:
         done += 1
-        scale = conditional_scale(normal, fit.theta)
-        pressed = ((fit.theta <= low) & (gradient < 0)) | ((fit.theta >= high) & (gradient > 0))
-        moving = (np.diag(normal) > 0) & ~pressed
-        scaled, slope = normal * np.outer(scale, scale), scale * gradient
         least, most = noise_model.step_bounds(layout, fit.theta)
-        trial_theta = np.clip(fit.theta + scale * _damped_solution(scaled, slope, damping, moving), least, most)
+        trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
         trial = evaluate(problem, trial_theta, _carried(fit, trial_theta))
-        if trial is not None and trial.cost <= fit.cost + 1e-9 * abs(fit.cost):
-            settled = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * scale, ROUNDING * np.abs(fit.theta))
+        if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+            small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
             before, fit, damping = fit, trial, max(damping / 10.0, floor)
-            if np.all(settled) or before.cost - fit.cost < settings.enough:
+            gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
+            if curved and gain < _NEAR:
+                moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
+            model, gradient = local_model(_with_curvature(information, moves), after, fit.theta, low, high), after
+            # A step that damping or a bound made small says nothing of the way that is left: the undamped one does.
+            if (np.all(small) or gain < settings.enough) and _arrived(model, fit.theta, settings):
                 outcome = Outcome.CONVERGED
                 break
-            expected, after = fit.normal_equations()
-            if curved and before.cost - fit.cost < _NEAR:
-                moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
-            normal, gradient = _with_curvature(expected, moves), after
         else:
             damping *= 10.0
             if damping > 1e8:
                 # No descent is left: at the optimum if the undamped step says so too.
-                undamped = np.max(np.abs(_damped_solution(scaled, slope, 1e-12, moving)), initial=0.0)
-                outcome = Outcome.CONVERGED if undamped < 10.0 * settings.tolerance else Outcome.MAX_ITERATIONS
+                outcome = Outcome.CONVERGED if _arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
                 break
     return replace(joined_up(fit), outcome=outcome, iterations=done)
+
+
+def _arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
+    """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less than is enough."""
+    resolved = max(settings.tolerance, float(np.max(ROUNDING * np.abs(theta) / model.scale, initial=0.0)))
+    return model.promised < max(settings.enough, 0.5 * resolved**2)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
@@ -212,11 +212,3 @@ def _with_curvature(information: np.ndarray, moves: Sequence[tuple[np.ndarray, n
         if work > _LEAST_CURVATURE * seen > 0.0:
             information = information + np.outer(change, change) / work - np.outer(pressed, pressed) / seen
     return information
-
-
-def _damped_solution(scaled: np.ndarray, slope: np.ndarray, damping: float, moving: np.ndarray) -> np.ndarray:
-    """Step in scaled units; what rests at a bound, or has no influence, stays."""
-    out = np.zeros(len(slope))
-    at = np.flatnonzero(moving)
-    out[at] = np.linalg.solve(scaled[np.ix_(at, at)] + damping * np.eye(len(at)), slope[at])
-    return out

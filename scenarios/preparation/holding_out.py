@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.statistics.robust import robust_sigma_about_zero
 from scenarios.preparation.plan import PORTS
 from scenarios.preparation.plausibility import moves, why_unpredictable
 from sim.declaration.model import Model
@@ -116,7 +117,7 @@ def _cut(record: Record) -> int:
 
 def _scatter(values: np.ndarray) -> float:
     """Standard deviation of the noise on an input, from the median of its steps; zero for one that is held."""
-    return float(1.4826 * np.median(np.abs(np.diff(values))) / np.sqrt(2.0))
+    return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
 
 
 def _part(record: Record, rows: slice, word: str) -> Record:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.statistics.robust import robust_sigma_about_zero
 from scenarios.preparation.plan import PORTS
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -71,7 +72,7 @@ def moves(channel: Channel) -> bool:
     values = channel.values[channel.valid]
     if len(values) < 2 * FIVE:
         return len(values) > 1 and float(np.ptp(values)) > 0.0
-    noise = 1.4826 * float(np.median(np.abs(np.diff(values)))) / math.sqrt(2.0)
+    noise = robust_sigma_about_zero(np.diff(values)) / math.sqrt(2.0)
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, FIVE), axis=1)
     return float(np.max(np.abs(smooth - np.median(values)))) > ABOVE * noise
 

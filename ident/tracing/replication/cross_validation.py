@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
+from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.candidate_model.quantities import implausible
@@ -174,11 +175,9 @@ def without_record(fitted: FittedModel, r: int) -> FittedModel:
     """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near where there are many."""
     fit, layout = fitted.fit, fitted.fit.layout
     normal, gradient = (part.copy() for part in fit.normal_equations())
-    at, problem = layout.columns(r), layout.problems[r]
-    weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0).ravel()
-    J = fit.jacobians[r].reshape(-1, len(at))
-    normal[np.ix_(at, at)] -= J.T @ (weight[:, None] * J)
-    gradient[at] -= J.T @ (weight * fit.residuals[r].ravel())
+    problem = layout.problems[r]
+    weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
+    add_normal_equations(normal, gradient, layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
     scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
     moving = np.flatnonzero(scale > 1e-9 * np.sqrt(np.maximum(np.diag(fit.normal_equations()[0]), 1e-300)))
     inside = normal[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])

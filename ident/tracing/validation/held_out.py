@@ -14,6 +14,7 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.information import inverse_information
+from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import (
     FitData,
@@ -199,11 +200,8 @@ def _prior_where_both_meet(fitted: FittedModel, freer: FittedModel, masks: Seque
     fit, n = both.fit, len(both.fit.layout.shared)
     normal, gradient = np.zeros((len(fit.theta),) * 2), np.zeros(len(fit.theta))
     for r, problem in enumerate(fit.layout.problems[: len(trained)]):
-        at = fit.layout.columns(r)
-        J = fit.jacobians[r].reshape(-1, len(at))
-        weight = np.where(problem.valid, 1.0 / fitted.fit.variance[:, None], 0.0).ravel()
-        normal[np.ix_(at, at)] += J.T @ (weight[:, None] * J)
-        gradient[at] += J.T @ (weight * fit.residuals[r].ravel())
+        weight = np.where(problem.valid, 1.0 / fitted.fit.variance[:, None], 0.0)
+        add_normal_equations(normal, gradient, fit.layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
     own = n + len(trained) * fit.layout.own
     inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
     covariance, _ = inverse_information(inside, fit.theta[:own])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.information import conditional_scale
+from ident.statistics.normal_equations import local_model, unresolved
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
@@ -113,7 +113,7 @@ def fit_together(draws: Sequence[Sequence[Record]], system: System, start: Point
         if damping < LITTLE and np.all(np.abs(move[0, :n]) < least):
             return Joint(layout.shared, moved, covariance, True)
         trial = _summed(draws, system, settings, moved)
-        if trial is not None and trial[1].cost <= sums.cost + 1e-9 * abs(sums.cost):
+        if trial is not None and trial[1].cost <= sums.cost + unresolved(float(sums.counts.sum())):
             (point, sums), damping = trial, damping / 10.0 if damping > 1e-5 else 0.0
         elif sums.cost - sums.moved(minimised(sums, point.shared, low, high, 0.0)[0]).cost < KINK:
             # Limits and gaps leave slopes that jump: what the whole step promises is not there.
@@ -128,19 +128,14 @@ def minimised(sums: Sums, shared: np.ndarray, low: np.ndarray, high: np.ndarray,
     n, weight = len(shared), sums.weight
     for _ in range(REWEIGHED):
         information, gradient, back, rest = eliminated(sums, weight, n, damping)
-        scale = conditional_scale(information, shared)
-        moving = (np.diag(information) > 0) & ~(((shared <= low) & (gradient < 0)) | ((shared >= high) & (gradient > 0)))
-        at = np.flatnonzero(moving)
-        scaled = (information * np.outer(scale, scale))[np.ix_(at, at)]
-        step = np.zeros(n)
-        step[at] = scale[at] * np.linalg.solve(scaled + damping * np.eye(len(at)), (scale * gradient)[at])
-        step = np.clip(shared + step, low, high) - shared
+        model = local_model(information, gradient, shared, low, high)
+        step = np.clip(shared + model.scale * model.step(damping), low, high) - shared
         move = np.concatenate([np.broadcast_to(step, (len(rest), n)), rest - back @ step], axis=1)
         before, weight = weight, sums.moved(move).weight
         if np.all(np.abs(weight - before) < CALM * before):
             break
-    sigma = np.zeros(n)
-    sigma[at] = scale[at] * np.sqrt(np.maximum(np.diag(np.linalg.inv(scaled)), 0.0))
+    sigma, at = np.zeros(n), np.flatnonzero(model.moving)
+    sigma[at] = model.scale[at] * np.sqrt(np.maximum(np.diag(np.linalg.inv(model.information[np.ix_(at, at)])), 0.0))
     return move, sigma
 
 
