@@ -102,7 +102,7 @@ def evidence_of(values: tuple[float, ...] = LATE, *names: str, unit: str = "s", 
 
 
 def proven_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
-    """A late angle of attack that stands, three records fitted and one held out."""
+    """A late angle of attack that stands: three records fitted, and one that was used to choose."""
     tracing = tracing_of(Verdict.PARTIAL)
     claim = Claim("sensor-lag:alpha", {"time_constant": Quantity(0.061, 0.002, "s")}, ("sensor-delay:alpha", "vane-offset"), evidence=evidence_of())
     d = tracing.diagnosis
@@ -117,6 +117,7 @@ def proven_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
         candidates=(*d.candidates, weighed),
         tests_after=tests or d.tests_after,
         warnings=tuple(not_noise(tests, 1e-4)),
+        used_to_choose=True,
     )
     three = tuple(replace(tracing.records[0], name=f"record_{number}.csv") for number in (1, 2, 3))
     return replace(tracing, diagnosis=told, records=three)

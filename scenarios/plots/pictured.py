@@ -33,5 +33,5 @@ class Pictured:
     after: Mapping[str, Quantity]
     noise: Mapping[str, float]
     claimed: tuple[str, ...]
-    held_out: bool
+    kind: str
     replicated: tuple[Replicated, ...] = ()

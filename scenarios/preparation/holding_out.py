@@ -48,11 +48,11 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
     """
     *others, last = records
     if others and model.equations.inputs and _stand_for(others, last) and not why_unpredictable(last, model):
-        said = f"no --validate: the last record, {last.name}, is held out whole and predicted; the others are fitted"
+        said = f"no --validate: the last record, {last.name}, is not fitted but predicted whole; the others are fitted"
         return Split(tuple(others), last, None, said)
     first, held = hold_out(last)
     cut = float(held.time[0])
-    return Split((*others, first), held, cut, f"no --validate: the last part of {last.name}, from {cut:g} s on, is held out and predicted")
+    return Split((*others, first), held, cut, f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but predicted")
 
 
 def _stand_for(others: Sequence[Record], last: Record) -> bool:

@@ -42,6 +42,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
         "error": {
             "held_out": d.held_out,
+            "used_to_choose": d.used_to_choose,
             "unit": {name: UNITS[name] for name in d.error_before.rmse if name in UNITS},
             "before": _errors(d.error_before),
             "after": _errors(d.error_after),

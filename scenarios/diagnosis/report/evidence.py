@@ -89,7 +89,9 @@ def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, .
 
 
 def record_labels(tracing: Tracing) -> list[str]:
-    """All records in the order of the evidence: the fitted, then the held-out ones."""
+    """Records in the order of the evidence: the fitted ones, then those that were not fitted, where they took part in choosing."""
+    if not tracing.diagnosis.used_to_choose:
+        return [record.name for record in tracing.records]
     fitted, held = [record.name for record in tracing.records], [record.name for record in tracing.validation]
     return [*fitted, *(f"{name}, from {tracing.held_out_from:g} s" if tracing.held_out_from is not None else name for name in held)]
 

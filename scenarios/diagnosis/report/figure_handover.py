@@ -38,7 +38,7 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
         "after": _quantities(pictured.after),
         "noise": dict(pictured.noise),
         "claimed": pictured.claimed,
-        "held_out": pictured.held_out,
+        "kind": pictured.kind,
         "replicated": [[r.name, r.records, [_quantities(each) for each in r.by_record], _quantities(r.together)] for r in pictured.replicated],
     }
     stream = io.BytesIO()
@@ -70,7 +70,7 @@ def unpacked(content: bytes) -> tuple[Pictured, Path]:
         _read_quantities(head["after"]),
         head["noise"],
         tuple(head["claimed"]),
-        head["held_out"],
+        head["kind"],
         tuple(
             Replicated(name, tuple(records), tuple(_read_quantities(each) for each in by_record), _read_quantities(together))
             for name, records, by_record, together in head["replicated"]

@@ -34,7 +34,7 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     """File stems of all figures, and what makes each."""
     from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra
 
-    kind, noise = "held out" if pictured.held_out else "fitted", pictured.noise
+    kind, noise = pictured.kind, pictured.noise
     out: list[tuple[str, Callable[[], Figure]]] = []
     for number, prediction in enumerate(pictured.predictions):
         title = f"{prediction.record.name} ({kind}): measured and predicted"

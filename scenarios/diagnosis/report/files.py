@@ -17,6 +17,7 @@ from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_conte
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
 from scenarios.diagnosis.report.figures import numbered
+from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.plots.pictured import Pictured, Replicated
@@ -53,7 +54,7 @@ def pictured(tracing: Tracing) -> Pictured:
     d = tracing.diagnosis
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
     claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, d.held_out, _replicated(tracing))
+    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:

@@ -75,7 +75,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),
         tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
         inputs=[("fitted", file) for file in tracing.inputs.records]
-        + [("held out", file) for file in tracing.inputs.validation]
+        + [(text.kind_of_predicted(d), file) for file in tracing.inputs.validation]
         + [("vehicle", tracing.inputs.vehicle)]
         + [("effects", file) for file in tracing.inputs.effects],
     )

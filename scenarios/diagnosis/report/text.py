@@ -32,7 +32,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.inflation else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
         _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
-        _titled(WEIGHED_TITLE, ("effect", "held-out", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
+        _titled(WEIGHED_TITLE, ("effect", "not fitted", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
@@ -43,8 +43,8 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
 WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
 MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
-CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "held-out", "parameters", "remarks")
-CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the held-out error"
+CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
+CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the error on data not fitted"
 
 
 def wording_of(tracing: Tracing) -> Wording:
@@ -60,13 +60,21 @@ def subject(tracing: Tracing) -> str:
 
 
 def where_predicted(tracing: Tracing) -> str:
-    """Where the errors are from: ``"the held-out record validate.csv"`` and the like."""
+    """Where the errors are from: ``"the held-out record validate.csv"`` and the like; held out only where it took no part in choosing."""
     names = [record.name for record in tracing.validation]
-    if tracing.held_out_from is not None:
-        return f"the held-out part of {names[0]}, from {tracing.held_out_from:g} s on"
     if not tracing.diagnosis.held_out:
         return "the fitted record"
-    return f"the held-out record{'s' if len(names) > 1 else ''} {', '.join(names)}"
+    held, note = ("", " (not fitted, but used to choose)") if tracing.diagnosis.used_to_choose else ("held-out ", "")
+    if tracing.held_out_from is not None:
+        return f"the {held or 'last '}part of {names[0]}, from {tracing.held_out_from:g} s on{note}"
+    return f"the {held}record{'s' if len(names) > 1 else ''} {', '.join(names)}{note}"
+
+
+def kind_of_predicted(d: Diagnosis) -> str:
+    """What the predicted data are called where there is room for two words."""
+    if not d.held_out:
+        return "fitted"
+    return "not fitted" if d.used_to_choose else "held out"
 
 
 def headline(tracing: Tracing) -> str:

@@ -120,7 +120,7 @@ def test_last_part_of_a_single_record_is_held_out(files: tuple[Path, Path, Path]
     assert len(first) + len(held) == 200
     assert tracing.held_out_from == held.time[0] > first.time[-1]
     assert tracing.inputs.validation == () and len(tracing.inputs.records) == 1
-    assert f"the last part of train.csv, from {held.time[0]:g} s on, is held out and predicted" in tracing.notes[0]
+    assert f"the last part of train.csv, from {held.time[0]:g} s on, is not fitted but predicted" in tracing.notes[0]
 
 
 def test_the_last_of_several_records_is_held_out_whole(files: tuple[Path, Path, Path]) -> None:
@@ -129,7 +129,7 @@ def test_the_last_of_several_records_is_held_out_whole(files: tuple[Path, Path, 
     tracing = diagnosed([train, validate], "rigid", vehicle, trace=loop)
     (first,), (held,) = loop.given["records"], loop.given["validation"]
     assert (first.name, len(first), held.name, len(held)) == ("train.csv", 200, "validate.csv", 200)
-    assert tracing.held_out_from is None and "the last record, validate.csv, is held out whole" in tracing.notes[0]
+    assert tracing.held_out_from is None and "the last record, validate.csv, is not fitted but predicted whole" in tracing.notes[0]
     assert [[file.name for file in some] for some in (tracing.inputs.records, tracing.inputs.validation)] == [["train.csv"], ["validate.csv"]]
     segments = Plan((Segment(0.5, 2.6), Segment(2.7, 3.9)))  # both parts of one file: it is fitted and predicted
     parts = diagnosed([train], "rigid", vehicle, plan=segments, trace=loop)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.diagnosis.report.candidate_tables import candidate_rows
+from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
-from scenarios.diagnosis.report.text import derivative_rows, diagnosis_text, headline, verdict_advice, wording_of
+from scenarios.diagnosis.report.text import derivative_rows, diagnosis_text, headline, kind_of_predicted, verdict_advice, where_predicted, wording_of
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.terminal.quantities import value_text
 from sim.declaration.proposal import Traceable
@@ -152,3 +153,17 @@ def test_every_declared_alias_has_advice_that_is_the_same_both_ways(effect) -> N
 def test_stick_wording_comes_from_the_record() -> None:
     wording = wording_of(tracing_of(Verdict.TRACED, LOES))
     assert (wording.control, wording.stick_unit) == ("stick", "in")
+
+
+@pytest.mark.parametrize(("part", "used", "where", "kind"), [
+    (None, False, "the held-out record validate.csv", "held out"),
+    (None, True, "the record validate.csv (not fitted, but used to choose)", "not fitted"),
+    (12.0, True, "the last part of validate.csv, from 12 s on (not fitted, but used to choose)", "not fitted"),
+])
+def test_held_out_is_only_what_took_no_part_in_choosing(part: float | None, used: bool, where: str, kind: str) -> None:
+    tracing = tracing_of(Verdict.TRACED)
+    tracing = replace(tracing, held_out_from=part, diagnosis=replace(tracing.diagnosis, used_to_choose=used))
+    assert where_predicted(tracing) == where and kind_of_predicted(tracing.diagnosis) == kind
+    assert f"simulation error (rms) on {where}" in " ".join(diagnosis_text(tracing).split())
+    # What the evidence is from: the records that took part.
+    assert record_labels(tracing) == ["train.csv", *([] if not used else ["validate.csv" if part is None else "validate.csv, from 12 s"])]
