@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -156,3 +157,17 @@ def test_names_the_state_that_cannot_be_had() -> None:
     # The oscillator's position is measured, but under another name.
     with pytest.raises(ModelError, match="state position"):
         run_equation_error([record_of(np.random.default_rng(1))], compile_model(oscillator()))
+
+
+def test_where_no_share_of_the_step_is_finite_it_has_not_converged() -> None:
+    """Equations that hold at the start only: the step cannot be taken, but it is long."""
+    system = compile_model(rigid_model().with_values({name: 1.3 * RIGID_VALUES[name] for name in FREE}))
+    at = system.parameters.index("CL_alpha")
+    start, f = float(system.parameters.values()[at]), system.f
+
+    def f_at_start(t: Any, x: Any, u: Any, p: Any) -> list[Any]:
+        return [row * np.where(np.abs(np.real(p[at]) - start) < 1e-9, 1.0, np.nan) for row in f(t, x, u, p)]
+
+    estimate = run_equation_error([rigid_record(np.random.default_rng(1), 4.0, 25.0)], replace(system, f=f_at_start))
+    assert estimate.outcome is Outcome.MAX_ITERATIONS
+    assert estimate.as_dict()["CL_alpha"] == start
