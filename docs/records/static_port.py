@@ -9,6 +9,7 @@ from typing import ClassVar
 from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe
+from sim.declaration.traits import Traits
 
 
 @dataclass(frozen=True)
@@ -22,10 +23,10 @@ class StaticPort:
     absent: ClassVar = {"coefficient": 0.0}
     regularity = Regularity.REGULAR
     aliases = ("density-scale-height", "drag-mach")
-    plausible: ClassVar = {"coefficient": (-0.3, 0.3)}
-    onset = ""
-    per_record = False
-    sentence = "the static port reads {coefficient} of the dynamic pressure too much"
+    traits = Traits(
+        sentences=("the static port reads {coefficient} of the dynamic pressure too much",),
+        plausible={"coefficient": (-0.3, 0.3)},
+    )
     explanation = (
         "A barometer takes the pressure in its bay for that of the free air. Holes in the side of a fast body feel a share of the dynamic "
         "pressure besides: dp = c rho v^2/2, which is a height of c v^2/(2 g) whatever the density."

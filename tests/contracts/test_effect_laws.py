@@ -28,6 +28,7 @@ from sim.declaration.effect import (
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext, Traceable
 from sim.declaration.system import System
+from sim.declaration.traits import GUARD
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import applies, effect_modules, effect_names, effects_for, find_effect, guards_for, library
 from sim.errors import ModelError
@@ -346,8 +347,10 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_guards_stand_apart_from_the_library() -> None:
     names = {case.values[0].name for case in GUARDS}  # type: ignore[union-attr]
     products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
-    assert names == {f"guard:{label}" for label in (*products, *loads, "drag-drift")}
+    assert names == {f"{GUARD}{label}" for label in (*products, *loads, "drag-drift")}
     assert names.isdisjoint(effect_names())
+    assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
+    assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))
     modules = {path.stem for path in (ROOT / "sim" / "effects" / "guards").glob("*.py")} - {"__init__"}
     assert {type(case.values[0]).__module__.rpartition(".")[2] for case in GUARDS} == modules
     with pytest.raises(ModelError):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.terminal.quantities import displayed, with_sigma
+from sim.declaration.traits import GUARD
 
-GUARD, STANDS = "guard:", "stands"
+STANDS = "stands"
 SHOWN = 6  # candidates of a round
 TENFOLD = 9.0  # growth of an error, from which its size says nothing more
 

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report import text
-from scenarios.diagnosis.report.candidate_tables import GUARD, candidate_rows, weighed_rows
+from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.wording import parameter_text
+from sim.declaration.traits import GUARD
 
 if TYPE_CHECKING:
     from jinja2 import Template

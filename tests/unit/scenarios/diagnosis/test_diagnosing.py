@@ -19,6 +19,7 @@ from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import model_of_file
+from sim.declaration.traits import Traits
 from sim.errors import FlightidError
 from sim.record import Record
 from tests.diagnoses import LOES, RIGID, diagnosis_of, written_inputs
@@ -257,3 +258,19 @@ def test_effects_for_other_vehicles_are_left_out_or_refused(files: tuple[Path, P
     own.write_text(example().replace("EFFECTS = (VaneUpwash(),)", "EFFECTS = (VaneUpwash(), VaneUpwash())"))
     with pytest.raises(FlightidError, match="vane-upwash is there twice"):
         read_effects(own, model)
+
+
+def test_an_effect_file_of_the_former_form_is_read_as_before(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
+    text = example()
+    new, rest = text.split("    traits = Traits(\n")[0], text.split("    explanation")[1]
+    former = '    plausible = {"curvature": (-10.0, 10.0)}\n    onset = ""\n    per_record = True\n    sentence = "bent by {curvature}"\n'
+    own = tmp_path / "former.py"
+    own.write_text(f"{new}{former}    explanation{rest}")
+    (effect,) = read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
+    assert effect.traits == Traits(("bent by {curvature}",), plausible={"curvature": (-10.0, 10.0)}, per_record=True)
+    own.write_text(f"{new}    explanation{rest}")
+    with pytest.raises(FlightidError, match="effect vane-upwash lacks traits"):
+        read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
+    own.write_text(f"{new}    traits = {{}}\n    explanation{rest}")
+    with pytest.raises(FlightidError, match="its traits are of type dict"):
+        read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
