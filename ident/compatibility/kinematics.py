@@ -17,7 +17,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.compatibility.faults import ARM, BIAS, DELAY, DRIFT, LAG, SCALE
-from ident.compatibility.signals import G0, Signals
+from ident.compatibility.signals import Signals
+from sim.maths.constants import G0
 from sim.maths.elementary import linear_recurrence
 
 Values = Callable[[str, str], np.ndarray]  # (channel, kind) -> sizes (P, 1); zero where nothing is fitted

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim.maths.constants import G0
+
 
 @dataclass(frozen=True)
 class CompatibilitySettings:
@@ -19,7 +21,7 @@ class CompatibilitySettings:
     """
 
     airspeed: float | None = None
-    gravity: float = 9.80665
+    gravity: float = G0
     vane_arm: float = 0.0
     false_alarm: float = 0.01
     collinear: float = 0.95

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ident.statistics.robust import robust_sigma
+from sim.maths.constants import G0
 from sim.record import Hold, Record
 
-G0 = 9.80665  # m/s2, the unit of nz
 EDGE = 0.1  # s at both ends of a record that no residual counts: a late channel has nothing to show there
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
 SPIKE = 8.0  # robust sigmas

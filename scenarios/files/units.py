@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 
 from sim.errors import FlightidError, RecordError
+from sim.maths.constants import G0
 
 if TYPE_CHECKING:
     import pint
 
 Number = TypeVar("Number", float, np.ndarray)
 
-STANDARD_GRAVITY = 9.80665  # m/s2, by definition
 LOAD_FACTOR = "g"
 
 # Quantity that each of our units measures, and units a user may write for it.
@@ -92,9 +92,9 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
     if target == LOAD_FACTOR:
         if text in (*_GRAVITIES, "1"):
             return value
-        return _converted(value, unit, text, "m/s2", target, where, error) / STANDARD_GRAVITY
+        return _converted(value, unit, text, "m/s2", target, where, error) / G0
     if target == "m/s2" and text in _GRAVITIES:
-        return value * STANDARD_GRAVITY
+        return value * G0
     return _converted(value, unit, text, target, target, where, error)
 
 

@@ -17,9 +17,9 @@ from scenarios.preparation.plan import DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.errors import RecordError
+from sim.maths.constants import G0
 from sim.record import Channel, Hold, Record
 
-G0 = 9.80665  # m/s2
 MEASURED = ("airspeed", "dynamic_pressure")
 WINDOW = 1.0  # s, of the weights that smooth a measured speed: the short period is faster, the speed slower
 DESPIKED = 9.0  # medians of the distance from the neighbours' median

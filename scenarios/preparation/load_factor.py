@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import RecordError
+from sim.maths.constants import G0
 from sim.record import Channel, Record
 
-G0 = 9.80665  # m/s2
 MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
 
 

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.elementary import plus, times
+from sim.vehicles.signals import AIRSPEED_CHANGE, GUST, SHORT_PERIOD_OUTPUTS
 
 
 @dataclass(frozen=True)
@@ -35,14 +36,10 @@ class Loes:
         Signal("delta", "1", "pseudo-control, in the unit of the stick"),
     )
     inputs: tuple[Signal, ...] = (Signal("stick", "1", "pilot's command, nose up, in the unit of the record"),)
-    outputs: tuple[Signal, ...] = (
-        Signal("alpha", "rad", "angle of attack at the vane"),
-        Signal("q", "rad/s", "pitch rate"),
-        Signal("nz", "g", "normal load factor, positive up"),
-    )
+    outputs: tuple[Signal, ...] = SHORT_PERIOD_OUTPUTS
     ports: tuple[Signal, ...] = (
-        Signal("gust", "rad", "upward gust over airspeed"),
-        Signal("airspeed_change", "m/s", "airspeed above the declared one"),
+        GUST,
+        AIRSPEED_CHANGE,
         Signal("lift", "1/s", "added rate of the angle of attack"),
         Signal("moment", "1/s2", "added pitch acceleration"),
     )

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim.declaration.effect import Signal
+from sim.maths.constants import G0
 from sim.maths.elementary import plus
-
-G0 = 9.80665  # m/s2, standard gravity: the unit of nz
+from sim.vehicles.signals import AIRSPEED_CHANGE, GUST, SHORT_PERIOD_OUTPUTS
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,10 @@ class ShortPeriod:
     name: str = "rigid"
     states: tuple[Signal, ...] = (Signal("alpha", "rad", "angle of attack"), Signal("q", "rad/s", "pitch rate"))
     inputs: tuple[Signal, ...] = (Signal("elevator", "rad", "elevator, trailing edge down"),)
-    outputs: tuple[Signal, ...] = (
-        Signal("alpha", "rad", "angle of attack at the vane"),
-        Signal("q", "rad/s", "pitch rate"),
-        Signal("nz", "g", "normal load factor, positive up"),
-    )
+    outputs: tuple[Signal, ...] = SHORT_PERIOD_OUTPUTS
     ports: tuple[Signal, ...] = (
-        Signal("gust", "rad", "upward gust over airspeed"),
-        Signal("airspeed_change", "m/s", "airspeed above the declared one"),
+        GUST,
+        AIRSPEED_CHANGE,
         Signal("density_change", "kg/m3", "air density above the declared one"),
         Signal("lift", "1", "added lift coefficient"),
         Signal("moment", "1", "added moment coefficient"),

@@ -11,6 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.loads import load_parameters
 from sim.effects.onset import WIDTH, edge_width, risen
 
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
@@ -51,7 +52,7 @@ class UnmeasuredInput:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         duration = () if self.lasting else (Parameter("duration", 1.5, "s", bounds=(0.02, 1000.0)),)
-        loads = tuple(Parameter(name, size, unit) for name, size, unit in zip(("lift", "moment"), self.sizes, self.units, strict=True))
+        loads = load_parameters(self.sizes, self.units)
         return (Parameter("start", 2.0, "s"), *duration, *loads)
 
     @property

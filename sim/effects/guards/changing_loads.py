@@ -11,6 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.loads import load_parameters
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -44,7 +45,7 @@ class DampingCurve:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(name, size, unit) for name, size, unit in zip(("lift", "moment"), self.sizes, self.units, strict=True))
+        return load_parameters(self.sizes, self.units)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         rate = getattr(s, self.rate)

@@ -11,6 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.loads import load_parameters
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
 
@@ -46,7 +47,7 @@ class LaggedLoads:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        loads = tuple(Parameter(name, size, unit) for name, size, unit in zip(("lift", "moment"), self.sizes, self.units, strict=True))
+        loads = load_parameters(self.sizes, self.units)
         return (Parameter("lag", 0.3, "s", bounds=(0.01, 20.0)), *loads)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.half_width import ABSENT, believed, half_width, tried
 from sim.maths.elementary import each_column, maximum, minimum
 
 
@@ -35,7 +35,7 @@ class InputBacklash:
     name: ClassVar[str] = "input-backlash"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 30
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
+    absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
@@ -47,21 +47,20 @@ class InputBacklash:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
+        return half_width(self.typical, self.unit)
 
     @property
     def traits(self) -> Traits:
-        """Believed up to ten times the typical value: for an elevator some degrees."""
         return Traits(
             sentences=("the {control} has a play of +-{half_width} (hysteresis)",),
             short_name="hysteresis",
             separating={"input-deadband": "small slow reversals about a deflected control: a play acts there, a dead band about zero does not"},
-            plausible={"half_width": (0.0, 10.0 * self.typical)},
+            plausible=believed(self.typical),
             in_input_unit=("half_width",),
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"half_width": size}) for size in shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))]
+        return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells; the loop runs over the turns of the input only."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
+from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.half_width import ABSENT, believed, half_width, tried
 from sim.effects.separating import MANY_SIZES
 from sim.maths.elementary import clip, each_column
 
@@ -33,7 +33,7 @@ class InputDeadband:
     name: ClassVar[str] = "input-deadband"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 20
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"half_width": 0.0})
+    absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
     aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
@@ -46,21 +46,20 @@ class InputDeadband:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("half_width", self.typical, self.unit, bounds=(0.0, 1e9)),)
+        return half_width(self.typical, self.unit)
 
     @property
     def traits(self) -> Traits:
-        """Believed up to ten times the typical value: for an elevator some degrees."""
         return Traits(
             sentences=("the {control} {sticks} within +-{half_width} of zero (break-out)",),
             short_name="break-out",
             separating={"control-nonlinearity": MANY_SIZES},
-            plausible={"half_width": (0.0, 10.0 * self.typical)},
+            plausible=believed(self.typical),
             in_input_unit=("half_width",),
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"half_width": size}) for size in shares_of_peak(context, self.signal, (0.04, 0.12, 0.3, 0.6))]
+        return tried(context, self.signal)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""

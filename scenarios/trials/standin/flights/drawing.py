@@ -19,10 +19,10 @@ from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
+from sim.maths.constants import G0
 from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, model_from_constants
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import linearise
-from sim.vehicles.short_period import G0
 
 ELEVATOR = "elevator"
 LATE = LaggedLoads(("1/rad", "1/rad"), (0.0, 0.0), ("Cm_alpha",))  # that guard's equations are those of the downwash

@@ -27,7 +27,7 @@ from scenarios.preparation.trim import about_trim
 from sim.declaration.proposal import Traceable, fitted_to
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -141,7 +141,7 @@ def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_an
     before = [fit for fit in frozen if fit is not None]
     guard = next(effect for effect in GUARDS if effect.name == "guard:alpha-q")
     squared = next(effect for effect in GUARDS if effect.name == "guard:control-squared")
-    bend, curved = MomentNonlinearity(-0.1, 0.1), ControlNonlinearity()
+    bend, curved = replace(MOMENT_NONLINEARITY, low=-0.1, high=0.1), ControlNonlinearity()
     effect = standing(bend, fitted, before, 0.6)
     assert choose([effect]) is not None
     assert choose([effect, standing(guard, fitted, before, 0.5)]) is None
@@ -187,11 +187,11 @@ def test_a_curve_is_not_asked_for_what_only_one_record_flew() -> None:
     flight = rigid_flight(8.0, 50.0)
     records = [planted([], None, seed, flight=Flown(flight.time, share * flight.u, max_step=0.02)) for seed, share in ((1, 1.0), (2, 1.0), (3, 2.0))]
     fitted = root_of(flight_of(records))
-    bend = fitted_to(MomentNonlinearity(), search_context(fitted))
+    bend = fitted_to(MOMENT_NONLINEARITY, search_context(fitted))
     assert within_reach(fitted, bend) == [0, 1]
     assert within_reach(fitted, SCALED) == [0, 1, 2]
     alike = root_of(flight_of(records[:2]))
-    assert within_reach(alike, fitted_to(MomentNonlinearity(), search_context(alike))) == [0, 1]
+    assert within_reach(alike, fitted_to(MOMENT_NONLINEARITY, search_context(alike))) == [0, 1]
 
 
 def test_inputs_about_their_trim() -> None:
@@ -218,7 +218,7 @@ def test_settings_for_replication_are_those_of_a_search() -> None:
 
 def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
     """A moment that bends more sharply than four shapes follow: the slope at trim moves with the form; a delay has one form only."""
-    bend = MomentNonlinearity(-0.12, 0.12)
+    bend = replace(MOMENT_NONLINEARITY, low=-0.12, high=0.12)
     values = {f"moment-nonlinearity.{name}": 0.0 for name in bend.absent}
     sharp = {f"moment-nonlinearity.{name}": 0.0 for name in bend.finer().absent} | {"moment-nonlinearity.shape6": 0.01}
     record = planted([bend.finer()], sharp, 1)

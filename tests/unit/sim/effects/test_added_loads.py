@@ -17,8 +17,8 @@ from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.dynamics.lift_nonlinearity import LiftNonlinearity
-from sim.effects.dynamics.moment_nonlinearity import MomentNonlinearity
+from sim.effects.dynamics.lift_nonlinearity import LIFT_NONLINEARITY
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.library import find_effect, guards_for
 from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes
@@ -56,9 +56,9 @@ def test_nonlinear_moment_and_lift(sizes: list[float]) -> None:
     f = curve(-0.3, 0.25, sizes)
     fine = len(sizes) > 4
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (0.0, float(f(a)), ()))
-    close(rigid(MomentNonlinearity(-0.3, 0.25, fine), given), expected)
+    close(rigid(replace(MOMENT_NONLINEARITY, low=-0.3, high=0.25, fine=fine), given), expected)
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (float(f(a)), 0.0, ()))
-    close(rigid(LiftNonlinearity(-0.3, 0.25, fine), given), expected)
+    close(rigid(replace(LIFT_NONLINEARITY, low=-0.3, high=0.25, fine=fine), given), expected)
     g = curve(-0.05, 0.06, sizes)
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (0.0, float(g(a)), ()))
     close(loes(replace(find_effect("moment-nonlinearity", Loes()), low=-0.05, high=0.06, fine=fine), given), expected)  # type: ignore[type-var]
