@@ -85,13 +85,10 @@ def fly_closed_loop(
     ModelError : a duration of less than two rows, a stick that is too short or not finite, telemetry that does not fall on
         frames, a negative skew, fewer than one piece.
     """
-    frame, every = x29.frame, _frames_per_row(x29)
-    frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
-    if frames < every:
-        raise ModelError(f"a duration of {duration:g} s", where="fly_closed_loop", remedy=f"fly for at least {every * frame:g} s")
+    every = _frames_per_row(x29)
+    time = _frame_times(x29, duration, every)
     if pieces < 1:
         raise ModelError(f"{pieces} pieces", where="fly_closed_loop", remedy="give 1 or more")
-    time = frame * np.arange(frames + 1)
     read = _stick_at_frames(stick, time)
     flown = _fly(x29, _reference(x29, read), pieces)
 
@@ -209,6 +206,14 @@ def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
     if not np.all(np.isfinite(given[: time.size])):
         raise ModelError("a stick value is not finite", where="fly_closed_loop", remedy="give numbers throughout")
     return given[: time.size]
+
+
+def _frame_times(x29: X29, duration: float, every: int) -> np.ndarray:
+    """Times of the computer's frames, s; at least two rows of the record."""
+    frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
+    if frames < every:
+        raise ModelError(f"a duration of {duration:g} s", where="fly_closed_loop", remedy=f"fly for at least {every * x29.frame:g} s")
+    return x29.frame * np.arange(frames + 1)
 
 
 def _frames_per_row(x29: X29) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -112,8 +113,47 @@ def fly(
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)
-    hold = Sum(by_input).hold
     grid = make_grid(np.asarray(time, dtype=float), step)
+    moved = _propagated(model, system, by_input, grid, method, rng)
+    at = grid.sample
+    measured = measurement or Measurement()
+    std = model.noise.measurement_std if measured.std is None else measured.std
+    truth = Truth(
+        parameters=model.parameters,
+        effects=tuple(effect.name for effect in model.effects),
+        time=np.array(time, dtype=float),
+        states={key: row[at] for key, row in zip(system.state_names, moved.states, strict=True)},
+        outputs={key: np.array(row, dtype=float) for key, row in zip(system.output_names, moved.outputs, strict=True)},
+        walks={key: row[at] for key, row in moved.walks.items()},
+        noise_std={key: float(std.get(key, 0.0)) for key in system.output_names},
+        process_density=moved.density,
+        distance=distance,
+        step=float(grid.steps.max()),
+        method=getattr(method, "__name__", type(method).__name__),
+    )
+    units = {signal.name: signal.unit for signal in system.outputs}
+    channels = measure(truth.time, truth.outputs, units, rng, replace(measured, std=truth.noise_std))
+    return Record(truth.time, _recorded_inputs(system, by_input, truth.time), channels, Sum(by_input).hold, name), truth
+
+
+def _recorded_inputs(system: System, by_input: tuple[Maneuver, ...], time: np.ndarray) -> tuple[Channel, ...]:
+    return tuple(
+        Channel.of(signal.name, signal.unit, np.broadcast_to(maneuver(time), time.shape))
+        for signal, maneuver in zip(system.inputs, by_input, strict=True)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """States and random walks at the nodes of the grid, outputs without noise at the samples, and what forced them."""
+
+    states: Sequence[Any]
+    walks: Mapping[str, np.ndarray]
+    outputs: Sequence[Any]
+    density: Mapping[str, float]
+
+
+def _propagated(model: Model, system: System, by_input: tuple[Maneuver, ...], grid: Grid, method: Step, rng: np.random.Generator) -> _Motion:
     p = system.parameters.values().tolist()
     drive = drive_from_maneuvers(system, p, by_input, grid)
     densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
@@ -123,30 +163,8 @@ def fly(
     else:
         states, walks = propagate(system, p, system.initial.values().tolist(), drive, grid, method), {}
     refuse_divergence(model, grid, states)
-    at = grid.sample
     clean = outputs_with_walks(system, p, states, walks, drive, grid) if walks else outputs_at_samples(system, p, states, drive, grid)
-    measured = measurement or Measurement()
-    std = dict(model.noise.measurement_std if measured.std is None else measured.std)
-    truth = Truth(
-        parameters=model.parameters,
-        effects=tuple(effect.name for effect in model.effects),
-        time=np.array(time, dtype=float),
-        states={key: row[at] for key, row in zip(system.state_names, states, strict=True)},
-        outputs={key: np.array(row, dtype=float) for key, row in zip(system.output_names, clean, strict=True)},
-        walks={key: row[at] for key, row in walks.items()},
-        noise_std={key: float(std.get(key, 0.0)) for key in system.output_names},
-        process_density={**densities, **walking},
-        distance=distance,
-        step=float(grid.steps.max()),
-        method=getattr(method, "__name__", type(method).__name__),
-    )
-    inputs = tuple(
-        Channel.of(signal.name, signal.unit, np.broadcast_to(maneuver(truth.time), truth.time.shape))
-        for signal, maneuver in zip(system.inputs, by_input, strict=True)
-    )
-    units = {signal.name: signal.unit for signal in system.outputs}
-    channels = measure(truth.time, truth.outputs, units, rng, replace(measured, std=truth.noise_std))
-    return Record(truth.time, inputs, channels, hold, name), truth
+    return _Motion(states, walks, clean, {**densities, **walking})
 
 
 def remeasure(record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None) -> Record:
