@@ -11,6 +11,8 @@ from typing import Annotated
 import typer
 
 from scenarios.commands.arguments import each_validated
+from scenarios.preparation.plan import plan_of
+from scenarios.preparation.request import Request
 
 # Threads of the linear algebra that NumPy may have been built with: matrices here are small, and more than one only waits for another.
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -103,8 +105,6 @@ def identify(
 ) -> None:
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
-    from scenarios.preparation.plan import plan_of
-    from scenarios.preparation.request import Request
 
     plan = plan_of(start, stop, hold, rate, lowpass)
     identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
@@ -131,8 +131,6 @@ def diagnose(
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
-    from scenarios.preparation.plan import plan_of
-    from scenarios.preparation.request import Request
 
     plan = plan_of(start, stop, hold, rate, lowpass)
     diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan), out, figures)
@@ -153,8 +151,6 @@ def check(
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
-    from scenarios.preparation.plan import plan_of
-    from scenarios.preparation.request import Request
 
     plan = plan_of(start, stop, hold, rate, lowpass)
     check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)

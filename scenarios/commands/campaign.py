@@ -11,11 +11,18 @@ from typing import Any
 from scenarios.commands.failures import named_after
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 
+LOOP = ("false-alarms", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
+
 
 def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
     from scenarios.studies.catalogue import load_scenario, scenario_file, scenario_kind
 
+    if name in LOOP:
+        from scenarios.commands.trials import run_trials
+
+        run_trials(name, runs, seed, out, changes)
+        return
     if scenario_kind(name) == "standin":
         from scenarios.commands.standin import standin_campaign
 

@@ -31,23 +31,19 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
     return (*(effect for effect in found if effect.traits.recorded_as not in recorded), *own)
 
 
-def read_effects(path: str | Path, model: Model) -> tuple[Traceable, ...]:
-    """The effects of a user's Python file that can act on a model, as ``effects_of``. Raises DeclarationError, also where there is no such file."""
-    return effects_of(read_source(path, DeclarationError, "a Python file"), model)
-
-
-def effects_of(source: Source, model: Model) -> tuple[Traceable, ...]:
-    """The effects of a Python file that was read: its ``EFFECTS``, else its ``VARIANTS``, those that can act on a model.
+def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, ...]:
+    """The effects of a user's Python file, or of one that was read, that can act on a model: its ``EFFECTS``, else its ``VARIANTS``.
 
     The file is run, once, as any Python program is: only a file that the user names comes here.
 
     Raises
     ------
-    DeclarationError : no Python file, an error in it (with its line), no effects in it, an effect that lacks an attribute or has
+    DeclarationError : no such file, an error in it (with its line), no effects in it, an effect that lacks an attribute or has
         the name of one in the library, or none that can act on this model.
     """
     from sim.effects.library import applies, library
 
+    source = source if isinstance(source, Source) else read_source(source, DeclarationError, "a Python file")
     where = str(source.path)
     module = _run(source)
     effects = getattr(module, "EFFECTS", getattr(module, "VARIANTS", None))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
 from ident.tracing.settings import TraceSettings
-from scenarios.diagnosis.candidates import candidates_for, effects_of
+from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
@@ -216,7 +216,7 @@ def _own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...]
     if path is None:
         return (), ()
     source = read_source(path, DeclarationError, "a Python file")
-    return effects_of(source, model), (source.identity,)
+    return read_effects(source, model), (source.identity,)
 
 
 def _same_stick(records: Sequence[Record]) -> None:

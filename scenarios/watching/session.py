@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate
 from ident.banks.delays import likelihood_weights
-from ident.banks.online import BankState, OnlineBank, Rows, advance, bank_estimate, begin, online_bank
+from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
 from ident.estimate import Estimate, Outcome
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
@@ -104,17 +103,6 @@ def record_of(session: Session) -> Record:
     if not outputs:
         raise RecordError("no number in any output", where=session.name, remedy=f"stream one of {', '.join(OUTPUTS)}")
     return Record(table[0], (Channel.of("stick", session.stick_unit, table[1]),), outputs, name=session.name)
-
-
-def filtered_record(session: Session) -> Record:
-    """What the filter was given: about the trim; ``run_bank`` on it gives what the session's bank has."""
-    return less(record_of(session), session.offsets)
-
-
-def batch_estimate(session: Session) -> BankEstimate:
-    """The bank's final estimates in the terms of ``run_bank``."""
-    assert session.bank is not None and session.state is not None
-    return bank_estimate(session.bank, session.state)
 
 
 def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.ndarray, tuple[float, float]]:

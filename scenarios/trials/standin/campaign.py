@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Quantity
+from scenarios.trials.many import of_each_seed
 from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
@@ -91,26 +92,7 @@ def fly_standin_campaign(
 ) -> tuple[Judged, ...]:
     """Flights of seeds one after another, or shared out among ``workers`` processes; the result does not depend on their number."""
     first = standin.seed if seed is None else seed
-    seeds = range(first, first + runs)
-    judged = []
-
-    def tell(flight: Judged) -> None:
-        judged.append(flight)
-        progress(f"{len(judged)} of {runs} flights", len(judged) / runs)
-
-    progress(f"flying {runs} flights", 0.0)
-    if workers < 2:
-        for each in seeds:
-            tell(judge_flight(standin, each))
-        return tuple(judged)
-    with ProcessPoolExecutor(min(workers, runs)) as pool:
-        futures = [pool.submit(judge_flight, standin, each) for each in seeds]
-        try:
-            for future in as_completed(futures):
-                tell(future.result())
-        finally:
-            pool.shutdown(cancel_futures=True)
-    return tuple(sorted(judged, key=lambda flight: flight.seed))
+    return of_each_seed(partial(judge_flight, standin), range(first, first + runs), progress, workers)
 
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:

@@ -1,0 +1,81 @@
+"""`flightid campaign` of the tracing loop itself: false alarms, weak effects, papers drawn at random."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
+from scenarios.files.writing import write_json
+from scenarios.terminal.plain_tables import table
+from scenarios.terminal.progress import progress_bar
+from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
+from scenarios.trials.examination import Mark, examine, summary
+from scenarios.trials.many import of_each_seed
+from sim.errors import DeclarationError
+
+GAIN = 25.0  # expected gain of the log likelihood of a weak effect, from which nearly all are found
+DETECTED = ("runs", "detected", "named right", "among alternatives", "unexplained", "named wrong", "detected, 95 % interval, %")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A campaign of the loop: what is done with one seed, and the table of all that was found (title, headings, rows)."""
+
+    fly: Callable[[int], Any]
+    tabled: Callable[[Sequence[Any]], tuple[str, tuple[str, ...], list[tuple[str, ...]]]]
+
+
+def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+    """Fly, diagnose and mark ``runs`` flights from ``seed`` on (None: 1), print the table, and write it as ``campaign.json`` into ``out``."""
+    if changes:
+        raise DeclarationError(f"nothing of {name} can be changed", where="--set", remedy="leave it out")
+    first = 1 if seed is None else seed
+    kind = TRIALS[name]
+    with progress_bar() as progress:
+        found = of_each_seed(kind.fly, range(first, first + runs), progress, os.cpu_count() or 1)
+    title, headings, rows = kind.tabled(found)
+    print("\n".join([f"{name}: {runs} flights, seeds {first} to {first + runs - 1}", *table(headings, rows, title=title)]))
+    if out is not None:
+        content = {"schema": "flightid/campaign/1", "scenario": name, "first_seed": first, "runs": runs}
+        with study_folder(out, "campaign.json") as scratch:
+            tabled = [dict(zip(headings, row, strict=True)) for row in rows]
+            write_json(scratch / "campaign.json", {**content, "table": tabled, "versions": versions()})
+        print(f"written to {out}")
+
+
+def _clean(seed: int) -> tuple[str, Alarm]:
+    setting = SETTINGS[seed % len(SETTINGS)]
+    return setting.label, clean_run(setting, seed)
+
+
+def _weak(seed: int) -> Detection:
+    effect = tuple(WEAK)[seed % len(WEAK)]
+    return weak_run(weak_setting(effect), effect, GAIN, seed)
+
+
+def _alarms(found: Sequence[tuple[str, Alarm]]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    groups = {setting.label: [alarm for label, alarm in found if label == setting.label] for setting in SETTINGS}
+    groups = {label: group for label, group in groups.items() if group} | {"all": [alarm for _, alarm in found]}
+    headings = ("setting", "runs", "false claims", "not consistent", "95 % interval of false claims, %", "median time, s")
+    return "clean records: nothing is hidden", headings, alarm_rows(groups)
+
+
+def _detections(found: Sequence[Detection]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = detection_rows(found, lambda each: each.effect) + detection_rows(found, lambda each: "all")
+    return f"one weak effect, expected gain {GAIN:g}", ("effect", *DETECTED), rows
+
+
+def _marks(found: Sequence[Mark]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    return "papers drawn at random", ("what is counted", "value"), [(what, f"{value:.4g}") for what, value in summary(found).items()]
+
+
+TRIALS: Mapping[str, Kind] = {
+    "false-alarms": Kind(_clean, _alarms),
+    "weak-effects": Kind(_weak, _detections),
+    "random-papers": Kind(examine, _marks),
+}
