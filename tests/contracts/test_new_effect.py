@@ -18,6 +18,7 @@ from scenarios.diagnosis.report.separating_maneuvers import separating_maneuver
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.files.writing import write_record
 from scenarios.plots.diagnosis import figure_evidence
+from scenarios.preparation.request import Request
 from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect, library
 from sim.record import Channel
@@ -54,7 +55,7 @@ def traced(one_new_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Trac
     lines = [f"{name} = {value}" for name, value in RIGID_VALUES.items() if name not in derivatives]
     lines += ["[derivatives]", *(f"{name} = {1.1 * value}" for name, value in derivatives.items())]
     (folder / "vehicle.toml").write_text("\n".join(['name = "new"', *lines]), encoding="utf-8")
-    return diagnose_files([folder / "train.csv"], "rigid", folder / "vehicle.toml", [folder / "validate.csv"])
+    return diagnose_files(Request((folder / "train.csv",), "rigid", folder / "vehicle.toml", (folder / "validate.csv",)))
 
 
 def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
