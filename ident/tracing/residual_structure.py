@@ -8,12 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.statistics.coloured_covariance import autocovariance
+from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
 
-WINDOW = 2.0  # s, in which a residual is called large
-SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
-LEAST, SURE = 0.25, 4.0  # a correlation worth a word: its size, and in standard deviations of chance
-SAMPLES = 20
 LARGEST = 1e30  # what a residual that has run away counts as: its square is finite
 
 
@@ -62,7 +59,7 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     What chance does to a correlation of two coloured series is Bartlett's sum of the products of their autocorrelations.
     """
     parts = [_part(item, channel) for item in fitted if channel in item.channels and channel in item.record.output_names]
-    parts = [part for part in parts if np.count_nonzero(part.used) >= SAMPLES]
+    parts = [part for part in parts if np.count_nonzero(part.used) >= thresholds.FEWEST_SAMPLES]
     if not parts:
         return None
     count = sum(int(np.count_nonzero(part.used)) for part in parts)
@@ -120,7 +117,7 @@ def _when(parts: Sequence[_Part], rms: float) -> tuple[FittedRecord, float, floa
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
         time = part.item.record.time
-        size = min(max(3, round(WINDOW / part.interval)), len(time))
+        size = min(max(3, round(thresholds.WINDOW / part.interval)), len(time))
         squares, counts = (np.convolve(x, np.ones(size), mode="valid") for x in (part.residual**2, part.used.astype(float)))
         mean = np.where(counts >= 0.5 * size, squares / np.maximum(counts, 1.0), -1.0)
         at = int(np.argmax(mean))
@@ -138,12 +135,12 @@ def _company(parts: Sequence[_Part]) -> Company | None:
         if min(sizes) <= 0.0:
             continue
         interval = max(part.interval for part in parts)
-        shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
+        shifts = np.arange(-int(thresholds.SHIFT / interval), int(thresholds.SHIFT / interval) + 1)
         scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
         r = sum(_correlations(part, s, shifts * interval) for part, s in zip(parts, series, strict=True)) / scale
         chance = np.sqrt(sum(_chance(part.residual, s) for part, s in zip(parts, series, strict=True))) / scale
         at = int(np.argmax(np.abs(r)))
-        if abs(r[at]) > LEAST and abs(r[at]) > SURE * chance:
+        if abs(r[at]) > thresholds.WORTH_A_WORD and abs(r[at]) > thresholds.SURE_OF_COMPANY * chance:
             found.append((abs(r[at]) / chance, Company(name, form, float(r[at]), float(shifts[at] * interval))))
     # Of what is about as certain, the plainer: a signal before its rate, that before a square.
     best = max((sure for sure, _ in found), default=0.0)
@@ -166,7 +163,7 @@ def _signal(part: _Part, name: str, form: str) -> np.ndarray:
     else:
         row = item.channels.index(name)
         known = item.record[name].valid & np.isfinite(item.after[row])
-        if np.count_nonzero(known) < SAMPLES:
+        if np.count_nonzero(known) < thresholds.FEWEST_SAMPLES:
             return np.zeros(len(part.residual))
         time = item.record.time
         values = np.clip(np.interp(time, time[known], (item.record[name].values - item.after[row])[known]), -LARGEST, LARGEST)

@@ -67,6 +67,12 @@ FEWEST_RECORDS = 3  # theorem: two records have one degree of freedom, and no sc
 # Simulation: with six degrees of freedom from the other derivatives, two sigmas hold 93 to 98 of 100 with two to five records.
 BORROWED = 6.0
 
+# What does a residual go with?
+WINDOW = 2.0  # s, in which a residual is called large. chosen: about one short period
+SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with. chosen: longer lags are another motion
+WORTH_A_WORD = 0.25  # chosen: a smaller correlation explains less than a sixteenth of the power
+SURE_OF_COMPANY = 4.0  # theorem: standard deviations of chance (Bartlett), the best of a few dozen signals being told
+
 # How finely is it computed?
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough

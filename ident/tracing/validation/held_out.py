@@ -13,25 +13,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.statistics.information import inverse_information
-from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import (
-    FitData,
     FittedModel,
-    Start,
-    Values,
     belongs_to_record,
     carried,
     compiled_with,
     fit_as_declared,
-    fit_set,
     free_names,
     levels_of,
 )
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
+from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
@@ -77,17 +72,17 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
 
     What belongs to one record (events, drifts) is looked for anew in each: an event of the training record need not be there.
     """
-    shared = fitted.values.shared
-    frozen = _fit_other(fitted, records, masks, shared, None)
+    frozen = _Others(fitted, records, masks, None).fit_event_by_event()
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = _fit_other(fitted, records, masks, shared, training_prior(fitted))
+    freer = _Others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
     if freer is not None and not has_process_noise(fitted.system) and doubted(HeldOut(None, freer.fit)):
-        nearer = _fit_other(fitted, records, masks, shared, prior) if (prior := _prior_where_both_meet(fitted, freer, masks)) is not None else None
+        prior = prior_where_both_meet(fitted, freer, masks)
+        nearer = _Others(fitted, records, masks, prior).fit_event_by_event() if prior is not None else None
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
-        again = _fit_set(fitted, fitted.effects, records, masks, shared, None, freer, {})
+        again = _Others(fitted, records, masks, None).fit(fitted.effects, freer)
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
@@ -131,80 +126,45 @@ def doubted(out: HeldOut) -> bool:
     return min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < thresholds.COLOURED
 
 
-def _fit_other(
-    fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, shared: Mapping[str, float], prior: Prior | None
-) -> FittedModel | None:
-    """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
-    own = [effect for effect in fitted.effects if belongs_to_record(effect)]
-    present = [effect for effect in fitted.effects if not belongs_to_record(effect)]
-    best = _fit_set(fitted, present, records, masks, shared, prior, None, {})
-    for effect in own:
-        if best is None:
-            return None
-        starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], search_context(best)) for start in found.starts[:2]]
-        tries = [_fit_set(fitted, [*present, effect], records, masks, shared, prior, best, start) for start in [*starts, fitted.values.own[0]]]
-        present = [*present, effect]
-        best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
-    return best
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """Records that were not fitted, and the model that was: its shared parameters frozen there, or free under a prior."""
 
+    fitted: FittedModel
+    records: Sequence[Record]
+    masks: Sequence[np.ndarray] | None
+    prior: Prior | None
 
-def _fit_set(
-    fitted: FittedModel,
-    effects: Sequence[Traceable],
-    records: Sequence[Record],
-    masks: Sequence[np.ndarray] | None,
-    shared: Mapping[str, float],
-    prior: Prior | None,
-    from_model: FittedModel | None,
-    start: Mapping[str, float],
-) -> FittedModel | None:
-    """The fitted model's set, or a part of it, on other records: shared parameters frozen, or free under a prior."""
-    settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-3)
-    full, system = compiled_with(fitted.declared, effects, fitted.system.output_names)
-    known = {name: value for name, value in shared.items() if name in system.parameters}
-    parameters = system.parameters.with_values(known)
-    system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
-    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
-    layout = lay_out(records, system, settings, local=local, masks=masks)
-    begin, guesses = carried(layout, None if from_model is None else from_model.values, start)
-    layout = lay_out(records, system, settings, local=local, masks=masks, start=begin)
-    if prior is not None:
-        layout = replace(layout, prior=prior)
-    # A free simulation has no filter; under training's knowledge the process noise is that of training.
-    fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
-    return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
+    def fit(
+        self, effects: Sequence[Traceable], from_model: FittedModel | None = None, added: Mapping[str, float] | None = None
+    ) -> FittedModel | None:
+        """The fitted model's set, or a part of it, on these records."""
+        fitted, prior = self.fitted, self.prior
+        settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-3)
+        full, system = compiled_with(fitted.declared, effects, fitted.system.output_names)
+        known = {name: value for name, value in fitted.values.shared.items() if name in system.parameters}
+        parameters = system.parameters.with_values(known)
+        system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
+        local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+        layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
+        begin, guesses = carried(layout, None if from_model is None else from_model.values, added or {})
+        layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
+        if prior is not None:
+            layout = replace(layout, prior=prior)
+        # A free simulation has no filter; under training's knowledge the process noise is that of training.
+        fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
+        return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
 
-
-def training_prior(fitted: FittedModel) -> Prior:
-    """What training says of the shared parameters: nuisances of its records are projected out."""
-    fit, n = fitted.fit, len(fitted.fit.layout.shared)
-    normal, _ = fit.normal_equations()
-    covariance, _ = inverse_information(normal, fit.theta)
-    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
-    return Prior(np.arange(n), fit.theta[:n].copy(), information)
-
-
-def _prior_where_both_meet(fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None) -> Prior | None:
-    """What training says of the shared parameters about the point at which it meets the held-out records; None where no such point is found.
-
-    Training may leave open a curved line of parameters, such as a limit times a derivative: its Gaussian holds near its own optimum only.
-    """
-    trained, other = fitted.fit.layout.problems, freer.fit.layout.problems
-    values = Values(fitted.values.shared, (*fitted.values.own, *freer.values.own), (*fitted.values.states, *freer.values.states))
-    records = [problem.record for problem in (*trained, *other)]
-    valid = [*(problem.valid for problem in trained), *(masks if masks is not None else (problem.valid for problem in other))]
-    settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
-    both = fit_set(FitData(records, valid, fitted.declared, fitted.system.output_names), fitted.effects, settings, Start(values))
-    if both is None:
-        return None
-    fit, n = both.fit, len(both.fit.layout.shared)
-    normal, gradient = np.zeros((len(fit.theta),) * 2), np.zeros(len(fit.theta))
-    for r, problem in enumerate(fit.layout.problems[: len(trained)]):
-        weight = np.where(problem.valid, 1.0 / fitted.fit.variance[:, None], 0.0)
-        add_normal_equations(normal, gradient, fit.layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
-    own = n + len(trained) * fit.layout.own
-    inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
-    covariance, _ = inverse_information(inside, fit.theta[:own])
-    step = np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0] / scale
-    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
-    return Prior(np.arange(n), fit.theta[:n] + step[:n], information)
+    def fit_event_by_event(self) -> FittedModel | None:
+        """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
+        own = [effect for effect in self.fitted.effects if belongs_to_record(effect)]
+        present = [effect for effect in self.fitted.effects if not belongs_to_record(effect)]
+        best = self.fit(present)
+        for effect in own:
+            if best is None:
+                return None
+            starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], search_context(best)) for start in found.starts[:2]]
+            tries = [self.fit([*present, effect], best, start) for start in [*starts, self.fitted.values.own[0]]]
+            present = [*present, effect]
+            best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+        return best

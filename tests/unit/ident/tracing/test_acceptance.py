@@ -13,7 +13,8 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.held_out import HeldOutData, doubted, held_out, training_prior, with_held_out_change
+from ident.tracing.validation.held_out import HeldOutData, doubted, held_out, with_held_out_change
+from ident.tracing.validation.training_knowledge import training_prior
 from ident.tracing.validation.whiteness import low_frequency_power, whiteness
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_lag import SensorLag

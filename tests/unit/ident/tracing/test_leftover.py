@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
-from ident.tracing.residual_structure import LEAST, Leftover, left_over
+from ident.tracing.residual_structure import Leftover, left_over
 from sim.record import Channel, Hold, Record
 
 RATE = 40.0
@@ -91,7 +92,7 @@ def test_coloured_chance_is_hardly_ever_company() -> None:
     assert accused <= 4
 
 
-@pytest.mark.parametrize("size", [LEAST / 3.0, 0.0])
+@pytest.mark.parametrize("size", [thresholds.WORTH_A_WORD / 3.0, 0.0])
 def test_a_small_correlation_is_not_worth_a_word(size: float) -> None:
     rng = np.random.default_rng(8)
     items = []

@@ -155,11 +155,14 @@ def test_stick_wording_comes_from_the_record() -> None:
     assert (wording.control, wording.stick_unit) == ("stick", "in")
 
 
-@pytest.mark.parametrize(("part", "used", "where", "kind"), [
-    (None, False, "the held-out record validate.csv", "held out"),
-    (None, True, "the record validate.csv (not fitted, but used to choose)", "not fitted"),
-    (12.0, True, "the last part of validate.csv, from 12 s on (not fitted, but used to choose)", "not fitted"),
-])
+@pytest.mark.parametrize(
+    ("part", "used", "where", "kind"),
+    [
+        (None, False, "the held-out record validate.csv", "held out"),
+        (None, True, "the record validate.csv (not fitted, but used to choose)", "not fitted"),
+        (12.0, True, "the last part of validate.csv, from 12 s on (not fitted, but used to choose)", "not fitted"),
+    ],
+)
 def test_held_out_is_only_what_took_no_part_in_choosing(part: float | None, used: bool, where: str, kind: str) -> None:
     tracing = tracing_of(Verdict.TRACED)
     tracing = replace(tracing, held_out_from=part, diagnosis=replace(tracing.diagnosis, used_to_choose=used))
