@@ -1,1 +1,1 @@
-"""One file each: effects."""
+"""The library of effects: one file each in the folder of its station."""

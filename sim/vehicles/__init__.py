@@ -1,1 +1,1 @@
-"""One file each: vehicles."""
+"""Equations of motion and built-in aircraft."""

@@ -1,1 +1,1 @@
-"""One file each: effects-disturbance."""
+"""Effects from outside the aircraft, one file each."""

@@ -1,1 +1,1 @@
-"""One file each: effects-dynamics."""
+"""Effects in the equations of motion, one file each."""

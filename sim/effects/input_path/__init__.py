@@ -1,1 +1,1 @@
-"""One file each: effects-input path."""
+"""Effects between the recorded input and the vehicle, one file each."""

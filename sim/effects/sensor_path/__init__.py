@@ -1,1 +1,1 @@
-"""One file each: effects-sensor path."""
+"""Effects between the vehicle and the record, one file each."""
