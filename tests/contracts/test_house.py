@@ -18,9 +18,6 @@ MOST_FILES, MOST_LINES = 15, 60
 LONG = {
     "ident/banks/any_equations.py::march_of_steps": "predict, update and march share the arrays that are made once",
     "ident/banks/bilinear_equations.py::along": "one pass over time, written out so that nothing is allocated in it",
-    "sim/closed_loop/nonlinear.py::fly_closed_loop": "half of it says what the arguments are",
-    "sim/declaration/compile.py::compile_model": "the compiled functions f, h and the paths share what is looked up once",
-    "sim/truth/flight.py::fly": "half of it says what the arguments are",
 }
 
 Graph = Mapping[str, frozenset[str]]
