@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.statistics.shares import clopper_pearson, clustered_share
+from sim.effects.library import traits_of
 
-TWINS = {"sensor-lag": "sensor-delay", "sensor-delay": "sensor-lag"}
 RESAMPLING_SEED = 1  # the same flights give the same interval
 
 
@@ -24,8 +24,7 @@ class Share:
 
 def same_fault(name: str) -> set[str]:
     """The names that count as naming an effect right: a lag and a delay of one sensor are one."""
-    kind, colon, channel = name.partition(":")
-    return {name, f"{TWINS[kind]}{colon}{channel}"} if kind in TWINS else {name}
+    return {name, *traits_of(name).twins}
 
 
 def share_of_flights(hits: Iterable[bool]) -> Share:

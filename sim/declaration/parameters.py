@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -128,7 +129,7 @@ class ParameterSet:
         """This set followed by further parameters."""
         return ParameterSet(self.items + tuple(other))
 
-    def _changed(self, changes: Mapping[str, Mapping[str, object]]) -> ParameterSet:
+    def _changed(self, changes: Mapping[str, Mapping[str, Any]]) -> ParameterSet:
         for name in changes:
             self.index(name)
-        return ParameterSet(tuple(replace(item, **changes.get(item.name, {})) for item in self.items))  # type: ignore[arg-type]
+        return ParameterSet(tuple(replace(item, **changes.get(item.name, {})) for item in self.items))
