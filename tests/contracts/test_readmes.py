@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = [ROOT / "sim", *sorted(path for path in (ROOT / "sim").rglob("*") if path.is_dir() and any(path.glob("*.py")) or path.name == "data")]
+FOLDERS = [ROOT / "sim", *sorted(path for path in (ROOT / "sim").rglob("*") if (path.is_dir() and any(path.glob("*.py"))) or path.name == "data")]
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: str(folder.relative_to(ROOT)))
