@@ -12,11 +12,10 @@ from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
-from ident.compatibility.replication import beside
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
-from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried
+from ident.compatibility.trials import Trial, beside, bias_estimates, estimate_of, tried
 from sim.errors import RecordError
 from sim.record import Record
 

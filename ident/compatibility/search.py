@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from ident.compatibility.faults import DELAY, LAG, SensorFault
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.grouping import grouped, same_lateness
-from ident.compatibility.replication import replicates
 from ident.compatibility.result import CompatibilitySettings, SensorFinding
-from ident.compatibility.trials import Trial, instrumented, tried
+from ident.compatibility.trials import Trial, instrumented, replicates, tried
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,12 @@
-"""One fault tried beside others: its fit, gain and variance, and its estimate by both methods."""
+"""One fault tried beside others: its fit, gain and variance, its estimate by both methods, and whether the records by themselves agree on it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ident.compatibility.estimates import difference_in_sigmas, output_error, smoother_sigmas
 from ident.compatibility.faults import BIAS, SensorFault
@@ -14,6 +16,8 @@ from ident.compatibility.result import Quantity, SensorEstimate
 from ident.compatibility.unknowns import unknowns_of
 
 _WORTH = 2.5  # first-order gain from which a fault is fitted in full
+_REPLICATION = 1e-3  # p-value below which the records contradict each other
+_DEMANDED = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +118,23 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
             )
         )
     return tuple(out)
+
+
+def beside(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
+    """The fit of one record with faults that stand in all."""
+    return fit(base.signals, faults, base, sizes) if faults else base
+
+
+def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
+    """Whether the records by themselves agree on a fault, beside those that stand, and demand it together with the sign that it has in all."""
+    from scipy.special import chdtrc
+
+    if len(bases) < 2:
+        return True
+    alone = [tried(beside(base, current.faults, current.sizes), [trial.fault])[0] for base in bases]
+    v, w = np.array([t.size for t in alone if t.told]), np.array([1.0 / t.variance for t in alone if t.told])
+    if len(v) < 2:
+        return False
+    mean = float(np.sum(w * v) / np.sum(w))
+    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _REPLICATION
+    return agree and mean * math.copysign(1.0, trial.size) > _DEMANDED / math.sqrt(float(np.sum(w)))

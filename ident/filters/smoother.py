@@ -67,6 +67,5 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """``P`` with rows and columns scaled where a variance exceeds the limit or is negative."""
     own = np.diag(P)
-    wanted = np.clip(own, 0.0, variance)
-    factor = np.sqrt(np.divide(wanted, own, out=np.zeros_like(own), where=own > 0))
+    factor = np.sqrt(np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0))
     return P * np.outer(factor, factor)

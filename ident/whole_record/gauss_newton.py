@@ -138,19 +138,19 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
                 moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
             model, gradient = local_model(_with_curvature(information, moves), after, fit.theta, low, high), after
             # A step that damping or a bound made small says nothing of the way that is left: the undamped one does.
-            if (np.all(small) or gain < settings.enough) and _arrived(model, fit.theta, settings):
+            if (np.all(small) or gain < settings.enough) and arrived(model, fit.theta, settings):
                 outcome = Outcome.CONVERGED
                 break
         else:
             damping *= 10.0
             if damping > 1e8:
                 # No descent is left: at the optimum if the undamped step says so too.
-                outcome = Outcome.CONVERGED if _arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
+                outcome = Outcome.CONVERGED if arrived(model, fit.theta, settings) else Outcome.MAX_ITERATIONS
                 break
     return replace(joined_up(fit), outcome=outcome, iterations=done)
 
 
-def _arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
+def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
     """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less than is enough."""
     resolved = max(settings.tolerance, float(np.max(ROUNDING * np.abs(theta) / model.scale, initial=0.0)))
     return model.promised < max(settings.enough, 0.5 * resolved**2)

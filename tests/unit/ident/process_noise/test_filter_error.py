@@ -224,3 +224,11 @@ def test_intervals_over_many_records() -> None:
     assert np.mean(np.abs(gusts) < 2.0) > 0.954 - 3.0 * math.sqrt(0.954 * 0.046 / 30.0)
     assert np.mean(np.abs(z_plain) < 2.0) < 0.7
     assert np.all(np.sqrt(np.mean(error**2, axis=0)) < 0.5 * np.sqrt(np.mean(error_plain**2, axis=0)))
+
+
+def test_the_curvature_that_recent_steps_showed_saves_iterations() -> None:
+    """With the expected information alone, or its correction turned round, this fit takes 16."""
+    layout = lay_out([rough_record(np.random.default_rng(2), 201)], compile_model(rough_model()), replace(SETTINGS, tolerance=1e-5))
+    fit = fit_with_process_noise(layout)
+    assert fit is not None and fit.outcome is Outcome.CONVERGED
+    assert fit.iterations <= 13

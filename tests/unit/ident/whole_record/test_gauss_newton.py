@@ -10,13 +10,18 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
+from ident.statistics.normal_equations import LocalModel, local_model
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.gauss_newton import Fit, arrived, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.propagation.grid import drive_from_record, make_grid
+from sim.propagation.integrate import simulate
 from sim.record import Channel, Record
-from tests.bases import rigid_model
-from tests.rigid_problem import FREE, UNSTABLE, rigid_record
+from tests.bases import ballistic_model, rigid_model
+from tests.linear_problem import oscillator, record_of
+from tests.rigid_problem import FREE, UNSTABLE, ballistic_record, rigid_record
 
 FACTORS = (0.5, 0.5, 1.1, 0.7, 1.9, 0.5)  # a start from which trial steps are refused until damping has made them tiny
 ROUGH = FitSettings(max_step=0.04, tolerance=0.03, enough=0.2)
@@ -67,3 +72,62 @@ def test_the_unit_of_an_output_does_not_enter(unit: float) -> None:
     assert other.outcome is one.outcome and other.iterations == one.iterations
     np.testing.assert_allclose(other.theta, one.theta, rtol=1e-6)  # a sigma is a hundredth or so
     assert other.cost - one.cost == pytest.approx(float(one.counts[2]) * np.log(unit), rel=1e-9)
+
+
+def one_unknown(step: float) -> LocalModel:
+    """A quadratic whose optimum lies ``step`` sigmas away."""
+    return LocalModel(np.ones(1), np.ones((1, 1)), np.array([step]), np.array([True]))
+
+
+@pytest.mark.parametrize(("tolerance", "enough", "limit"), [(1e-3, 0.0, 1e-3), (0.1, 0.0, 0.1), (0.1, 0.2, np.sqrt(0.4)), (1.0, 0.2, 1.0)])
+def test_it_has_arrived_where_the_undamped_step_is_shorter_than_the_tolerance_or_promises_less_than_is_enough(
+    tolerance: float, enough: float, limit: float
+) -> None:
+    settings = FitSettings(tolerance=tolerance, enough=enough)
+    assert arrived(one_unknown(0.99 * limit), np.zeros(1), settings)
+    assert not arrived(one_unknown(1.01 * limit), np.zeros(1), settings)
+
+
+def test_a_step_within_the_rounding_of_an_unknown_is_none() -> None:
+    settings = FitSettings()
+    assert not arrived(one_unknown(0.5), np.array([1e9]), settings)
+    assert arrived(one_unknown(0.5), np.array([1e11]), settings)
+
+
+def test_a_promise_does_not_depend_on_how_unknowns_are_combined() -> None:
+    """Half of g' I^-1 g, also where two unknowns act nearly alike and each step alone is long in conditional sigmas."""
+    information, gradient = np.array([[1e4, 99.9], [99.9, 1.0]]), np.array([30.0, -0.4])
+    model = local_model(information, gradient, np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf))
+    assert model.promised == pytest.approx(0.5 * gradient @ np.linalg.inv(information) @ gradient, rel=1e-6)
+    pressed = local_model(information, gradient, np.zeros(2), np.array([-np.inf, 0.0]), np.full(2, np.inf))
+    assert pressed.moving.tolist() == [True, False] and pressed.promised == pytest.approx(0.5 * 30.0**2 / 1e4, rel=1e-6)
+    released = local_model(information, np.array([30.0, 0.4]), np.zeros(2), np.array([-np.inf, 0.0]), np.full(2, np.inf))
+    assert released.moving.all()
+
+
+def test_damping_goes_as_far_as_a_step_needs_it() -> None:
+    """Outputs p^9 from p = 0.2: the undamped step is a million times too long."""
+    rng, time = np.random.default_rng(5), np.arange(60) * 0.05
+    initial = ParameterSet((Parameter("position", 0.0, "m", free=False), Parameter("speed", 0.0, "m/s", free=False)))
+    model = oscillator().with_initial(initial).with_values({"force": 0.2})
+    system = compile_model(model)
+    at = system.parameters.index("force")
+    system = replace(system, h=lambda t, x, u, p: [p[at] ** 9 + 0.0 * x[0], 0.0 * x[0], 0.0 * x[0]])
+    blank = record_of(rng, 60)
+    record = Record(time, blank.inputs, (Channel.of("place", "m", 1.0 + 0.01 * rng.standard_normal(60)),))
+    fit = fit_whole_records(FitProblem(lay_out([record], system, FitSettings(max_step=0.05))))
+    assert fit is not None and fit.outcome is Outcome.CONVERGED
+    assert fit.theta[0] ** 9 == pytest.approx(np.mean(record["place"].values), rel=1e-6)
+
+
+def test_the_trajectory_obeys_the_equations_however_loose_the_tolerance() -> None:
+    """The last step leaves a gap of second order between the intervals, which is squared away."""
+    system = compile_model(ballistic_model().with_values({"beta": 1600.0}))
+    record = ballistic_record(np.random.default_rng(2))
+    fit = fit_whole_records(FitProblem(lay_out([record], system, FitSettings(max_step=0.1, tolerance=30.0))))
+    assert fit is not None and fit.outcome is Outcome.CONVERGED
+    p, x0 = fit.layout.split(fit.theta, 0)
+    grid = make_grid(record.time, 0.1)
+    drive = drive_from_record(system, p.tolist(), record.input_array(system.input_names), record.time, record.hold, grid)
+    expected = np.array(simulate(system, p.tolist(), x0.tolist(), drive, grid))
+    np.testing.assert_allclose(fit.lines[0].y, expected, rtol=1e-11)
