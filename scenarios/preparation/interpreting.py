@@ -27,7 +27,7 @@ Reading = tuple[Model, list[Record]]
 def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0) -> float:
     """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
 
-    Zero where one cannot be fitted, and where a record by itself speaks against the sum of all: an effect that the model lacks may
+    Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an effect that the model lacks may
     favour the wrong reading in one maneuver, a right one is right in all. Zero too where no channel's residual falls by the share ``least``.
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
@@ -35,6 +35,8 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
     old, new = _fit(first, outputs), _fit(second, outputs)
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
+    if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
+        return 0.0  # as many unknowns as samples: both readings fit, and what is left is rounding
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return 0.0
     total = np.zeros(len(old.layout.problems))
