@@ -26,7 +26,7 @@ from sim.record import Hold
 from tests.integration.command_line import CommandLine, contents
 
 TRUE = {"CL_alpha": 2.922, "CL_q": -14.7, "CL_de": 0.435, "Cm_alpha": -1.66, "Cm_q": -34.75, "Cm_de": -2.578}
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def identified(flightid: CommandLine, record: Path, vehicle: Path, out: Path, *options: object) -> dict[str, Any]:

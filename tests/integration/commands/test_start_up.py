@@ -11,7 +11,7 @@ import pytest
 
 from scenarios.cli import main
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 HEAVY = ("numpy", "scipy", "control", "filterpy", "matplotlib", "pandas", "pint", "rich")  # typer itself may bring pydantic
 
 

@@ -35,7 +35,7 @@ from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 from tests.integration.command_line import CommandLine, contents
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
 PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
 

@@ -21,7 +21,7 @@ from sim.maneuvers.steps import three_two_one_one
 from sim.truth.flight import fly, sample_times
 from tests.diagnoses import NOISE, RIGID, written_inputs
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 EXAMPLE = ROOT / "docs" / "how-to" / "own-effect.md"
 FORBIDDEN = ("control", "filterpy", "scipy.signal", "scipy.optimize", "pint", "pandas", "matplotlib.pyplot", "matplotlib.figure")
 WATCHED = f"""
