@@ -28,7 +28,8 @@ def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: fl
     """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
 
     Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an
-    effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no channel's residual falls by the share ``least``.
+    effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no
+    channel's residual falls by the share ``least``.
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
         return 0.0  # no measurement; whoever fits it says so

@@ -120,16 +120,6 @@ def margins(x29: X29) -> Margins:
     )
 
 
-def airframe_roots(x29: X29) -> np.ndarray:
-    """Roots of the bare airframe, rad/s, shape ``(2,)``, the unstable one first."""
-    return np.sort(np.linalg.eigvals(airframe_matrices(x29.airframe).A))[::-1]
-
-
-def closed_loop_poles(x29: X29) -> np.ndarray:
-    """Poles z of the sampled closed loop; all inside the unit circle when it is stable."""
-    return np.asarray(closed_loop(x29).poles())
-
-
 def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Linear response to a stick given at every frame, shape ``(N,)``: time ``(N,)`` and signals of ``RESPONSE_NAMES``, ``(7, N)``."""
     import control
@@ -137,11 +127,6 @@ def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     time = x29.frame * np.arange(len(stick))
     result = control.forced_response(closed_loop(x29), timepts=time, inputs=np.asarray(stick, dtype=float))
     return time, np.asarray(result.outputs).reshape(len(RESPONSE_NAMES), -1)
-
-
-def step_response(x29: X29, duration: float, size: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Linear response to a stick step of ``size`` in at time 0, as ``respond`` gives it, over ``duration`` s."""
-    return respond(x29, np.full(round(duration / x29.frame) + 1, size))
 
 
 def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> np.ndarray:

@@ -88,21 +88,6 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
     )
 
 
-def x29_origins(path: Path = DATA_FILE) -> dict[str, tuple[str, str]]:
-    """Unit in the file and origin (in words) of every number, by dotted key such as ``"airframes.S.L_alpha"``."""
-    found: dict[str, tuple[str, str]] = {}
-
-    def walk(table: Mapping[str, Any], prefix: str) -> None:
-        for key, entry in table.items():
-            if isinstance(entry, dict) and "value" in entry:
-                found[prefix + key] = (str(entry.get("unit")), _origin(entry, f"{path.name}, {prefix}{key}"))
-            elif isinstance(entry, dict):
-                walk(entry, f"{prefix}{key}.")
-
-    walk(_document(path), "")
-    return found
-
-
 def _document(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
@@ -64,10 +62,6 @@ class GustTurbulence:
         """Spectral density of the noise on each state's rate, (m/s)^2/s."""
         density = p.sigma * p.sigma * vehicle.airspeed / p.length
         return density, 0.0 * density
-
-    def stationary_covariance(self, p: Any) -> np.ndarray:
-        """Covariance ``(2, 2)`` of the states in air that has been rough for long, (m/s)^2; does not depend on the length."""
-        return p.sigma**2 * np.array([[0.5, 0.25], [0.25, 0.25]])
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Starts for a fit with process noise: three lengths, of which the record shows a few at least."""

@@ -88,12 +88,6 @@ class Flexibility:
         return self.misfit <= LARGEST_MISFIT
 
 
-def quasi_static_error(data: VehicleData, omega: float, modes: int | None = None) -> float:
-    """max over alpha and q of |Y_flexible / Y_condensed - 1| at ``omega``, rad/s, Y the response to the elevator."""
-    flexible, condensed = _pair(data, modes)
-    return _error(flexible, condensed, omega)
-
-
 def flexibility(data: VehicleData, elevator: np.ndarray, step: float, noise_std: Mapping[str, float], modes: int | None = None) -> Flexibility:
     """Figures of flexibility for one maneuver and noise.
 

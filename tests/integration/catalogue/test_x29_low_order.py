@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import DelayBank, run_delay_bank
-from ident.banks.density_choice import choose_density
 from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import qualities
 from ident.statistics.differences import compare_estimates
@@ -23,6 +22,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
+from tests.density_choice import choose_density
 
 DENSITY = {"q": 1e-6}  # what the rule finds on the simulation's record, see below
 HALF_HOLD = 0.006  # s: the loop's own response is taken from frame to frame, the record's stick is held in between

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ident.banks.density_choice import choose_density
 from sim.errors import ModelError
 from tests import loes_problem as problem
+from tests.density_choice import choose_density
 
 DELAYS = (0.105, 0.118, 0.13)
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sim.closed_loop.reader import DATA_FILE, load_x29, x29_origins
+from sim.closed_loop.reader import DATA_FILE, load_x29
 from sim.errors import DeclarationError
+from tests.oracles.x29_origins import x29_origins
 
 TEXT = DATA_FILE.read_text(encoding="utf-8")
 

@@ -14,10 +14,11 @@ from sim.errors import ModelError
 from sim.maneuvers.steps import three_two_one_one
 from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import RIGID_DERIVATIVES, flexible_model, rigid_model
-from sim.vehicles.flexibility.degree import Flexibility, flexibility, quasi_static_error
+from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.static_condensation import condense
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import frequency_response, held_response, linearise
+from tests.oracles.quasi_static import quasi_static_error
 
 ELEVATOR = three_two_one_one(0.10471, 0.5, 1.0)(np.arange(801) * 0.01)
 NOISE = math.radians(math.sqrt(0.016))
