@@ -29,9 +29,9 @@ class Verdict(Enum):
 _SENTENCES = {
     Verdict.CONSISTENT: "the residual is what the noise alone would give: nothing is missing",
     Verdict.TRACED: "the effects listed explain what was missing: what remains is noise, also on data that were not fitted",
-    Verdict.PARTIAL: "the effects listed stand by themselves, but what remains is not noise",
+    Verdict.PARTIAL: "the effects listed replicate from record to record, but what remains is not noise",
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
-    Verdict.UNEXPLAINED: "something is missing, and nothing in the library stands as its cause",
+    Verdict.UNEXPLAINED: "something is missing, and no effect of the library can be named as its cause",
 }
 
 
@@ -69,7 +69,7 @@ Witness = Callable[[str, Mapping[str, Quantity]], int]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What makes an effect stand by itself although what remains is not noise.
+    """Why an effect is claimed although what remains is not noise: it was cross-validated.
 
     ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
     scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
@@ -89,7 +89,7 @@ class Claim:
     """One effect of the verdict.
 
     ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
-    ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it stands by itself.
+    ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it was cross-validated.
     """
 
     name: str
@@ -103,11 +103,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Evidence on one candidate at one node of the search.
+    """Evidence on one candidate added to one fitted model of the search; ``within`` names the effects that were already in it.
 
-    ``gain`` is that of the log likelihood; ``p_value`` of that gain under the fitted model's model, for the parameters added;
+    ``gain`` is that of the log likelihood; ``p_value`` of that gain where the fitted model is true, for the parameters added;
     ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
-    ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says why it does not stand, where that was asked.
+    ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says whether it was
+    cross-validated, and why not, where that was asked.
     """
 
     round: int
@@ -175,7 +176,7 @@ class Diagnosis:
         fitted, but took part in choosing effects.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
-    growth : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
+    inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
     verdict: Verdict

@@ -49,7 +49,7 @@ def diagnose(
     validation : data that are not fitted; empty means that errors are those of the fit. They take part in choosing effects where a single
         record is fitted, else they are held out from all but the verdict.
     progress : told what is being done and how much of the work that is.
-    witness : speaks of effects by other means than the model (``Flight``); asked only where a ranking hangs on it.
+    witness : says by other means than the model whether an effect is there; asked only where a ranking depends on it.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
 
 
 def search(declared: Declared, held: HeldOutData) -> Found:
-    """Forward selection and backward elimination; what replicates at once where no single effect comes anywhere near noise."""
+    """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
     ledger, first = first_round(declared.ledger, root)
     asked, partial = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS and defies(root, first), None
@@ -176,13 +176,13 @@ def with_final_masks(found: Found) -> Found:
 
 
 def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
-    """Effects that replicate; what replicates on the whole and yet predicts the data held out no better is left unsaid."""
+    """Effects that replicate; None also where their set predicts the data that were not fitted no better than the declared model."""
     ledger, partial = cross_validated(ledger, root, held)
     return ledger, None if partial is None or no_better(held.declared, partial.out) else partial
 
 
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
-    """Where the search explains nothing: hints at most, unless effects stand although what remains is not noise."""
+    """Where the search explains nothing: hints at most, unless effects are cross-validated."""
     ledger, partial = found.ledger, found.partial
     hints = [replace(claim, claimed=False) for claim in judgement.claims]
     if no_better(found.held.declared, judgement.out):

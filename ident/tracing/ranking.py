@@ -20,8 +20,8 @@ from sim.declaration.proposal import Refinable
 class Choice:
     """The set that is judged and what it does on data that were not fitted.
 
-    ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was weighed, by the names of its effects; with the cost of the
-    data that were not fitted where these take part in choosing. Empty where nothing was weighed.
+    ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
+    data that were not fitted where these take part in choosing. Empty where nothing was compared.
     """
 
     best: FittedModel
@@ -31,7 +31,7 @@ class Choice:
 
 
 def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
-    """Weigh the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part."""
+    """Compare the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part."""
     settings = ledger.problem.settings
     ledger, best = _without_guard(ledger, best)
     explained = is_white(best, settings.white) and not best.guards
@@ -104,7 +104,7 @@ def _without_guard(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedMod
 
 
 def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:
-    """The same causes in their freer forms, where held-out data ask for it: other levels of input show more of a curve."""
+    """The same causes in their freer forms, where data that were not fitted ask for it: other levels of input show more of a curve."""
     if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
         return ledger, best, out
     effects = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in best.effects)
@@ -116,7 +116,7 @@ def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOu
         return ledger, best, out
     score = ledger.score(best)
     ledger = ledger.replaced(finer, score)
-    sentence = "freer forms, for what the held-out data show of them"
+    sentence = "freer forms, for what the records that were not fitted show of them"
     return ledger.told(Step(finer.names, score, finer.fit.log_likelihood, sentence)), finer, other
 
 

@@ -1,4 +1,4 @@
-"""From nodes and held-out fits to a Diagnosis: derivatives with their sigmas, error figures, what was fitted and predicted."""
+"""From fitted models and their predictions to a Diagnosis: derivatives with their sigmas, error figures, what was fitted and predicted."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
 def _derivatives(
     problem: TraceProblem, fitted: FittedModel, inflation: Mapping[str, float] = _NONE, form: Mapping[str, float] = _NONE
 ) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with sigmas corrected for colour, grown by what records differ by, and by ``form``.
+    """Shared parameters of the declared model, with sigmas corrected for colour, inflated by what records differ by, and by ``form``.
 
     ``form`` is what the form of an effect leaves open, added in squares.
     """

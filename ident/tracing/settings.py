@@ -1,4 +1,4 @@
-"""How the tracing loop searches and decides; every number with its reason."""
+"""What a caller of the tracing loop may set, each number with its reason; the others are in ``thresholds``."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class TraceSettings:
     beam : sets kept from one round to the next. depth : most effects in a set.
     tried : names fitted in full at each set. starts : starting points of each.
     budget : most work of a search, in small fits: a residual that defies the library must not take for ever.
-    near : sets within this of the best are weighed again on data that were not fitted; within ``wide`` where
-        those data doubt the best.
+    near : sets within this of the best are compared with it, also on data that were not fitted where these take part in choosing; within
+        ``wide`` where those data doubt the best.
     white : smallest p-value of a residual test that still counts as noise, after so many tests.
     """
 

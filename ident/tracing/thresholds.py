@@ -1,6 +1,6 @@
-"""Every number on which a decision of the loop hangs, by the question that it answers, each with its reason.
+"""Every number on which a decision of the loop depends, by the question that it answers, each with its reason.
 
-A reason is a theorem, a simulated null, or "chosen", with what it was weighed against. The null of the whole loop is flown by
+A reason is a theorem, a simulated null, or "chosen", and against what. The null of the whole loop is flown by
 ``tests/statistics/test_tracing_performance.py``, that of cross-validation by ``tests/statistics/test_partial_null.py``. What a user may
 set is in ``settings``.
 """
@@ -36,10 +36,10 @@ ROUNDING = 0.01  # of ln(error). chosen: a pair's projection is not known better
 EVENT_SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s. chosen: half a period of a short-period motion either way, in steps that the fit closes
 DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's gain is no stand-in for that cause
 
-# How is a gain weighed?
+# What does a gain count?
 SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not hang on as many samples as a spike and its neighbours are
 
-# Which of two sets stands? Differences of twice the log likelihood.
+# Which of two sets is kept? Differences of twice the log likelihood.
 GUARD_TIE = 12.0  # chosen: a guard has to win by more than the largest gain of a null search (``TraceSettings.accept``) and two more
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named beside the chosen one

@@ -42,7 +42,7 @@ class Judgement:
 
 
 def judge(problem: TraceProblem, root: FittedModel, choice: Choice, spikes: Sequence[Claim], held: HeldOutData) -> Judgement:
-    """Judge a set of effects beside the declared model ``root``; ``spikes`` are claimed with it."""
+    """Judge a set of effects against the declared model ``root``; ``spikes`` are claimed with it."""
     best, tests = choice.best, residual_tests(choice.best, choice.out, held)
     claims = (*spikes, *claims_of(problem, choice))
     verdict, cautions = verdict_on(problem, root, choice, claims, tests, held)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
 LEAST = 24  # columns that a folded column of words wants
-WORDS = ("parameters", "remarks", "does it stand?")  # headings of columns of words, at the left wherever they stand
+WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 FOLDED = (*WORDS, "candidate", "effect")  # headings of columns that may be folded
 
 

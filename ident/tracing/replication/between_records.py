@@ -28,7 +28,7 @@ TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
 class RecordScatter:
     """``scatter`` : standard deviation of a derivative between fits of single records, what a user would see who flew again.
 
-    ``growth`` : by derivative, the factor (one at least) that differences between records put on its corrected sigma. Both empty where
+    ``inflation`` : by derivative, the factor (one at least) that differences between records put on its corrected sigma. Both empty where
     records do not tell.
     """
 

@@ -1,4 +1,4 @@
-"""Which of the effects that stand by themselves is chosen, which would do as well, and when a guard forbids any."""
+"""Which of the cross-validated effects is chosen, which would do as well, and when a guard forbids any."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from sim.declaration.proposal import Traceable
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """One candidate added to a set, weighed on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for.
+    """One candidate added to a set and tried on records that were not fitted; ``gain`` of log likelihood there with any colour allowed for.
 
-    ``predictions`` by record (from 0): the frozen fit of each that could be asked.
+    ``stands`` : it passed; ``why`` it did not. ``predictions`` by record (from 0): the frozen fit of each that could be asked.
     """
 
     effect: Traceable
@@ -37,14 +37,14 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidatedEffect:
-    """An effect that stands, and those that would do as well in its place."""
+    """An effect that passed, and those that would do as well in its place."""
 
     best: CrossValidation
     others: tuple[CrossValidation, ...]
 
 
 def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> CrossValidatedEffect | None:
-    """The best of those that stand, with those that would do as well; None where none stands or a guard forbids it."""
+    """The best of those that passed, with those that would do as well; None where none passed or a guard forbids it."""
     standing = [item for item in results if item.stands and not item.effect.traits.guard]
     if not standing:
         return None

@@ -1,4 +1,4 @@
-"""Effects that stand by themselves although what remains is not noise: the usual good outcome on measured data.
+"""Cross-validated effects: what can be claimed although what remains is not noise, the usual good outcome on measured data.
 
 Against white noise everything is significant where filters, a noisy input and a dozen small causes colour the residual. What a
 cause does there, and chance does not: it lowers the error on records that were not fitted, on each of them, and comes out alike
@@ -32,7 +32,7 @@ from sim.declaration.proposal import Curve, Traceable
 
 
 def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
-    """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was weighed.
+    """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was tried.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: Fitted
     root : the declared model fitted to the training records, for starting values.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
-    that another stands in for, are looked for as a pair.
+    that a third replaces, are looked for as a pair.
     """
     found: list[CrossValidatedEffect] = []
     weighed: list[CrossValidation] = []
@@ -65,7 +65,7 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: Fitted
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """All that was weighed at a fitted model, and what was chosen; ``before`` the fitted model's own predictions by record."""
+    """All that was tried at a fitted model, and what was chosen; ``before`` the fitted model's own predictions by record."""
 
     fitted: FittedModel
     before: Mapping[int, Fit]
@@ -88,7 +88,7 @@ def _weigh_all(flight: Flight, candidates: Sequence[Traceable], fitted: FittedMo
 def _pair_instead(
     flight: Flight, candidates: Sequence[Traceable], first: _Step, found: Sequence[CrossValidatedEffect]
 ) -> tuple[list[CrossValidatedEffect] | None, list[CrossValidation]]:
-    """Two effects, each standing beside the other, that together do clearly better than what was found one after the other."""
+    """Two effects, each cross-validated with the other in the model, that together do clearly better than what was found one after the other."""
     names = [item.best.effect.name for item in found]
     pairs = likely_pairs(first.findings, names, float(first.fitted.fit.counts.sum()))
     children = [child for pair in pairs if (child := _fit_pair(flight, first.fitted, pair)) is not None]
@@ -105,7 +105,7 @@ def _pair_instead(
     weighed: list[CrossValidation] = []
     one = best.effects[0]
     for _ in range(2):
-        # The second may be another than the pair's, where that does better; the first has to come out again beside it.
+        # The second may be another than the pair's, where that does better; the first has to come out again with it in the model.
         alone = flight.fit((one,), range(len(flight.records)), best.values)
         step = _weigh_all(flight, candidates, alone) if alone is not None else None
         weighed += step.results if step is not None else []
@@ -204,7 +204,7 @@ def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mappin
     pairs = [before[r] for r in asked], [after[r] for r in asked]
     lowered, gain = reduction(*pairs), coloured_gain(*pairs)
     if lowered.total > -thresholds.WORTH:
-        why = "it does not lower the held-out error enough"
+        why = "it does not lower the error on records left out enough"
         return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
     copies = replicate(flight, child, finding.effect)
     stands, why = _judged(lowered, copies)
@@ -224,9 +224,9 @@ def _fitted_change(fitted: FittedModel, child: FittedModel) -> float:
 
 
 def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
-    """Whether it stands, and why not."""
+    """Whether it passes, and why not."""
     if lowered.total > -thresholds.BEYOND_ITS_SCATTER * lowered.scatter:
-        return False, "the fall of the held-out error is within its scatter"
+        return False, "the fall of the error on records left out is within its scatter"
     if np.any(lowered.by_channel > max(thresholds.CHANNEL_WORSE, -0.5 * lowered.total) + 2.0 * lowered.channel_scatter):
         return False, "one channel gets worse"
     # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
@@ -236,7 +236,7 @@ def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
         return False, "it helps on too few records"
     if not copies.agrees:
         return False, "the records give different values"
-    return True, "stands"
+    return True, "cross-validated"
 
 
 def _effective(fitted: FittedModel) -> float:

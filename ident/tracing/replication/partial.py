@@ -1,4 +1,4 @@
-"""What can be said where the search leaves no noise: effects that stand by themselves, with their groups and what follows for the derivatives."""
+"""What can be said where the search leaves no noise: cross-validated effects, with their groups and what follows for the derivatives."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ident.whole_record.output_error import estimate_of
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """Effects that stand: the claims, the set fitted to the training records, and what it does on held-out ones."""
+    """Cross-validated effects: the claims, their set fitted to the training records, and what it predicts of the others."""
 
     claims: tuple[Claim, ...]
     fitted: FittedModel
@@ -93,7 +93,7 @@ def _candidate(item: CrossValidation, *, chosen: bool) -> Candidate:
     p_value = float(chdtrc(item.finding.parameters, max(2.0 * item.gain, 0.0)))
     found = own_quantities(item.fitted, item.effect)
     believed = not implausible(item.effect, found, slack=0.0)
-    why = "stands, but another does better" if item.stands and not chosen else item.why
+    why = "cross-validated, but another does better" if item.stands and not chosen else item.why
     return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)
 
 
@@ -101,5 +101,5 @@ def _sentence(item: CrossValidatedEffect) -> str:
     best = item.best
     each = ", ".join(f"{100.0 * (np.exp(total) - 1.0):+.0f} %" for total in best.reduction.by_record)
     also = f"; {', '.join(other.effect.name for other in item.others)} would do as well" if item.others else ""
-    beside = f" beside {', '.join(best.fitted.names[:-1])}" if len(best.fitted.names) > 1 else ""
-    return f"{best.effect.name}{beside} replicates and changes the error on records not fitted by {each}{also}"
+    already = f", with {', '.join(best.fitted.names[:-1])} already in the model," if len(best.fitted.names) > 1 else ""
+    return f"{best.effect.name}{already} replicates and changes the error on records not fitted by {each}{also}"

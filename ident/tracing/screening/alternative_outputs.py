@@ -1,6 +1,6 @@
-"""How the outputs of a fitted node would change under many alternative parameter values, in one batch.
+"""How the outputs of a fitted model would change under many alternative parameter values, in one batch.
 
-Every alternative is integrated over all node intervals from the fitted trajectory; the defects that this leaves
+Every alternative is integrated over all intervals from the fitted trajectory; the defects that this leaves
 are joined with the base model's transition matrices. States that the alternatives add (a mode, a lagged load)
 are first driven by the fitted trajectory, each with its own dynamics: what they feed back is of second order
 where they begin without influence. Exact for equations linear in the states, first order else: enough to rank candidates.

@@ -1,4 +1,4 @@
-"""Pairs of effects that hide each other: each alone explains little, or a third stands in for both, and together they explain much."""
+"""Pairs of effects that hide each other: each alone explains little, or a third replaces both, and together they explain much."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Ranks all candidates at a fitted model by projected score: what each could explain that the fitted model's own parameters cannot.
 
-The residual and the candidates' signatures are whitened and projected off the fitted model's Jacobian: a refit would eat
+The residual and the candidates' signatures are whitened and projected off the fitted model's Jacobian: a refit would absorb
 the rest. gain = -(N/2) ln(1 - explained share) (score test with nuisance parameters projected out).
 """
 
@@ -38,7 +38,7 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class _Whitened:
-    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and where each record stands."""
+    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and the rows of each record."""
 
     e: np.ndarray
     Q: np.ndarray
@@ -158,7 +158,7 @@ def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: _Whitened, 
 def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: float) -> tuple[np.ndarray, np.ndarray]:
     """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and their amplitudes ``(places, k)``.
 
-    The residual stands orthogonal to the fitted model's Jacobian, so that only sizes of the projected columns are needed.
+    The residual is orthogonal to the fitted model's Jacobian, so that only sizes of the projected columns are needed.
     """
     block, Q, e = flat[:, rows], white.Q[rows], white.e[rows]
     places = len(block) // k

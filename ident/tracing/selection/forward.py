@@ -96,7 +96,7 @@ def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Le
 
 
 def _no_stand_in(ledger: Ledger, root: FittedModel, beam: Sequence[FittedModel], moving: Sequence[FittedModel]) -> Beam:
-    """Sets with process noise that leave noise, or bring so much more than the best cause that they do not stand in for one."""
+    """Sets with process noise that leave noise, or bring so much more than the best cause that they are no substitute for one."""
     most = max((ledger.score(root) - ledger.score(fitted) for fitted in beam), default=0.0)
     return [moved for moved in moving if is_white(moved) or ledger.score(root) - ledger.score(moved) > thresholds.DOMINANT * most]
 

@@ -1,4 +1,4 @@
-"""Near-aliases: what could take the place of each effect of a set, fitted beside the rest.
+"""Near-aliases: what could take the place of each effect of a set, fitted together with the rest.
 
 The search keeps the cheapest of causes that look alike in the fitted record; another maneuver may tell them apart, so each of
 them has to be put to the data that were not fitted.
@@ -71,7 +71,7 @@ def _without(ledger: Ledger, best: FittedModel, effect: Traceable) -> tuple[Ledg
 
 
 def _freely(ledger: Ledger, child: FittedModel | None, best: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
-    """The child, in its freer form where the plain one is not quite as good as the set it stands in for."""
+    """The child, in its freer form where the plain one is not quite as good as the set that it would replace."""
     if child is None or not isinstance(effect, Refinable) or child.fit.cost <= best.fit.cost:
         return ledger, child
     ledger, finer = fit(ledger, (*child.effects[:-1], effect.finer()), child)

@@ -34,7 +34,7 @@ def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
 
 
 def spike_claims(problem: TraceProblem, fitted: FittedModel) -> tuple[list[np.ndarray], list[Claim]]:
-    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where a candidate stands for them."""
+    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where a candidate describes them."""
     measured = measured_masks(problem.records, problem.outputs)
     residuals = [
         np.where(valid, laid.z - line.y, 0.0) for valid, laid, line in zip(measured, fitted.fit.layout.problems, fitted.fit.lines, strict=True)
@@ -100,7 +100,7 @@ def _differences(records: Sequence[Record], mended: Sequence[Record], name: str,
 
 
 def _claimable(problem: TraceProblem) -> dict[str, str]:
-    """By channel the name of the candidate that stands for its isolated wrong samples: the rule finds them, the effect names them."""
+    """By channel the name of the candidate that describes its isolated wrong samples: the rule finds them, the effect names them."""
     return {candidate.traits.wrong_samples_of: candidate.name for candidate in problem.candidates if candidate.traits.wrong_samples_of}
 
 

@@ -91,8 +91,8 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
 def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozenset[str], FittedModel], held: HeldOutData) -> list[Candidate]:
     """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
 
-    What was weighed on held-out data already keeps its change. Events are left out: they would have to be looked for anew in each
-    held-out record; and so are those that bring little beside another.
+    What was cross-validated keeps the change found there. Events are left out: they would have to be looked for anew in each
+    held-out record; and so are those that bring little compared with another.
     """
     most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
     before = held.declared.frozen

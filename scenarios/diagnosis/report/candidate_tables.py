@@ -1,4 +1,4 @@
-"""Candidates of a diagnosis as rows of tables: how the search ranked them, and what was weighed on records that were not fitted."""
+"""Candidates of a diagnosis as rows of tables: how the search ranked them, and what came of cross-validation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
 from scenarios.terminal.quantities import displayed, with_sigma
 from sim.declaration.traits import GUARD
 
-STANDS = "stands"
+STANDS = "cross-validated"
 SHOWN = 6  # candidates of a round
 TENFOLD = 9.0  # growth of an error, from which its size says nothing more
 
@@ -24,9 +24,9 @@ def candidate_rows(d: Diagnosis, count: int = SHOWN) -> list[tuple[str, ...]]:
 
 
 def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """What was asked whether it stands by itself, in the order of the error left: name, held-out change, the answer, parameters.
+    """What was put to cross-validation, in the order of the error left: name, held-out change, the answer, parameters.
 
-    What was asked twice, alone and again for a pair, stands there once: with the answer that it stands, if that is one of them.
+    What was asked twice, alone and again for a pair, is listed once: as cross-validated, if that is one of the answers.
     """
     answers = sorted((candidate for candidate in d.candidates if candidate.remark), key=lambda c: c.remark != STANDS)
     asked = list({(candidate.within, candidate.name): candidate for candidate in reversed(answers)}.values())
@@ -36,7 +36,7 @@ def weighed_rows(d: Diagnosis) -> list[tuple[str, ...]]:
 
 
 def _answer(c: Candidate) -> str:
-    """What came of it; a guard helps, but is no physical effect and never stands as a cause."""
+    """What came of it; a guard helps, but is no physical effect and never a cause."""
     return "helps, but is no effect of the library" if c.name.startswith(GUARD) and c.remark == STANDS else c.remark
 
 

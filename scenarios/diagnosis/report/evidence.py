@@ -1,4 +1,4 @@
-"""Why an effect stands although what remains is not noise, in words; and what remains, condensed."""
+"""Why an effect is claimed although what remains is not noise, in words; and what remains, condensed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """That an effect replicates, and by how much it lowers the error, beside which others; nothing without evidence."""
+    """That an effect replicates, and by how much it lowers the error, with which effects already in the model; nothing without evidence."""
     evidence = claim.evidence
     if evidence is None:
         return []

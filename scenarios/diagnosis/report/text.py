@@ -32,7 +32,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.inflation else ""),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
         _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
-        _titled(WEIGHED_TITLE, ("effect", "not fitted", "does it stand?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
+        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
@@ -40,7 +40,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-WEIGHED_TITLE = "weighed on records that were not fitted: change of the error there, and whether it stands"
+WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")

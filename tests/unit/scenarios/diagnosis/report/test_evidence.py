@@ -88,7 +88,7 @@ def test_header_says_what_a_sigma_holds() -> None:
 
 def test_a_guard_that_helps_does_not_stand() -> None:
     d = proven_tracing().diagnosis
-    guard = replace(d.candidates[-1], name="guard:damping-curve", remark="stands")
+    guard = replace(d.candidates[-1], name="guard:damping-curve", remark="cross-validated")
     assert weighed_rows(replace(d, candidates=(guard,)))[0][2] == "helps, but is no effect of the library"
 
 
@@ -96,13 +96,13 @@ def test_what_was_asked_again_for_a_pair_stands_in_the_table_once() -> None:
     d = proven_tracing().diagnosis
     one = replace(d.candidates[-1], within=("sensor-scale:nz",), name="sensor-lag:q")
     stands, beaten, alone = (
-        replace(one, remark="stands"),
-        replace(one, remark="stands, but another does better"),
+        replace(one, remark="cross-validated"),
+        replace(one, remark="cross-validated, but another does better"),
         replace(one, within=(), remark="no"),
     )
     for order in ((stands, beaten, alone), (alone, beaten, stands)):
         rows = {row[0]: row[2] for row in weighed_rows(replace(d, candidates=order))}
-        assert rows == {"sensor-scale:nz + sensor-lag:q": "stands", "sensor-lag:q": "no"}
+        assert rows == {"sensor-scale:nz + sensor-lag:q": "cross-validated", "sensor-lag:q": "no"}
         assert len(weighed_rows(replace(d, candidates=order))) == 2
 
 
@@ -124,13 +124,13 @@ def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
 
 def test_what_was_weighed_on_other_records_stands_by_what_it_leaves() -> None:
     d = proven_tracing().diagnosis
-    better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="stands")
+    better = replace(d.candidates[-1], name="sensor-scale:q", held_out_change=-0.2, remark="cross-validated")
     beside = replace(better, within=("sensor-lag:alpha",), held_out_change=-0.3)
     rows = weighed_rows(replace(d, candidates=(beside, *d.candidates, better)))
     assert [row[:3] for row in rows] == [
-        ("sensor-scale:q", "-20.0 %", "stands"),
+        ("sensor-scale:q", "-20.0 %", "cross-validated"),
         ("sensor-scale:alpha", "+0.2 %", "the records give different values"),
-        ("sensor-lag:alpha + sensor-scale:q", "-30.0 %", "stands"),
+        ("sensor-lag:alpha + sensor-scale:q", "-30.0 %", "cross-validated"),
     ]
     assert weighed_rows(tracing_of(Verdict.TRACED).diagnosis) == []
 
