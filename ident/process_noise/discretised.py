@@ -1,4 +1,4 @@
-"""The random part of a System along a trajectory: discrete transition, noise covariance, output sensitivity.
+"""Process noise of a System along a trajectory: discrete transition, noise covariance, output sensitivity.
 
 States that white noise reaches deviate from the deterministic trajectory as x_dot = F x + w, y = H x, with F and H
 linearised there and w of the System's spectral density. Only those states are kept. A free initial state is an
@@ -55,7 +55,7 @@ class Variation:
 
 
 def discretised_noise(problem: RecordProblem, states: np.ndarray, at: Variation) -> DiscretisedNoise:
-    """Process noise about ``states (nx, K + 1)``; without any state where nothing is forced."""
+    """Process noise about ``states (nx, K + 1)``; without any state where white noise reaches none."""
     F, H, density, stationary = _linear_motion(problem, states, [at])
     Phi, Q, start = _discrete_motion(problem, F, density, stationary)
     return DiscretisedNoise(Phi[:, 0], Q[:, 0], H[:, 0], start[0])

@@ -69,7 +69,7 @@ def fit_with_process_noise(layout: FitLayout, guesses: list[np.ndarray] | None =
 
     Parameters
     ----------
-    layout : of a System whose states are forced.
+    layout : of a System with process noise.
     guesses : trajectories to begin with. levels : measurement noise by output, and ``process_noise_scale`` if wanted, of a
         fit of nearly the same model: a warm start. When None they come from an output-error fit, which also
         moves the other unknowns' start.
@@ -135,7 +135,7 @@ def noise_levels(fit: Fit) -> dict[str, float]:
 
 
 def noise_start(fit: Fit) -> np.ndarray:
-    """Measurement noise ``(m,)`` read off the residuals of an output-error fit, of which the slow part is motion.
+    """Measurement noise ``(m,)`` read off the residuals of an output-error fit, of which the slow part is process noise.
 
     Scatter of third differences of samples in a row, which pass white noise and hardly anything slow; not more than the residual.
     """

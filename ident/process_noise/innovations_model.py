@@ -1,4 +1,4 @@
-"""Noise model of a fit whose states are forced by white noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
+"""Noise model of a fit with process noise: filter error (Maine and Iliff 1981; Jategaonkar, ch. 5).
 
 The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory. Its gradient and
 expected information include how the filter depends on the parameters, noise levels among them, so that all unknowns

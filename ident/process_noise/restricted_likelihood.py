@@ -1,6 +1,6 @@
-"""Noise levels freed of most of the bias that estimating everything else from the same data brings.
+"""Restricted likelihood (REML): noise levels freed of most of the bias that estimating everything else from the same data brings.
 
-Maximum likelihood takes for motion what initial states, biases and derivatives could as well have explained, and finds noise
+Maximum likelihood takes for process noise what initial states, biases and derivatives could as well have explained, and finds noise
 too small: the fewer correlation lengths a record holds, the more. The adjusted profile likelihood adds -0.5 ln det I, I the
 information on those unknowns (Cox and Reid, J. Royal Statistical Society B 49(1), 1987); one step towards its maximum.
 """

@@ -2,7 +2,7 @@
 
 The residual of a deterministic fit is e = H x + v with x the process noise. Its innovations, nu[k] = e[k] minus its prediction
 from e[0 .. k - 1], are white; the columns of the Jacobian pass through the same linear filter (Jategaonkar, Flight
-Vehicle System Identification, ch. 5). Covariances come from a scan, the states from one banded triangular solve.
+Vehicle System Identification, ch. 5). Covariances come from an associative scan, the states from one banded triangular solve.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def fit_set(
 
 
 def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels: Mapping[str, float] | None) -> Fit | None:
-    """A whole-record fit, with a filter where process noise forces a state."""
+    """A whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels)
     return fit_whole_records(FitProblem(layout), guesses)
