@@ -37,18 +37,18 @@ EVENT_SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s. chosen: half a period of a short-per
 DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's gain is no stand-in for that cause
 
 # What does a gain count?
-SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not hang on as many samples as a spike and its neighbours are
+SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not depend on as many samples as a spike and its neighbours are
 
 # Which of two sets is kept? Differences of twice the log likelihood.
 GUARD_TIE = 12.0  # chosen: a guard has to win by more than the largest gain of a null search (``TraceSettings.accept``) and two more
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
-ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named beside the chosen one
+ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative
 ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
 
 # Does an effect lower the error on records that were not fitted? Mean over channels of ln(error).
 WORTH = 0.1  # chosen: less is what a dozen small causes make; ``test_partial_null`` counts what passes all bars where nothing is hidden
 HALF_OF_IT = 0.5  # chosen: what does not bring half of that on the fitted records will not bring it on others
-CHANNEL_WORSE = 0.05  # chosen: growth of one channel that is borne; or half of what is gained in the mean, beside twice its scatter
+CHANNEL_WORSE = 0.05  # chosen: rise of one channel's error that is tolerated, or half of what is gained in the mean; beyond twice its scatter
 NO_PREFERENCE = 0.04  # chosen: no one would prefer one cause to another for four per cent of the error
 BEYOND_ITS_SCATTER = 2.0  # theorem: two standard deviations, one in forty by chance
 SAME_TRACE_SCATTER = 3.0  # standard deviations. chosen: of effects with one signature the data need more to prefer one

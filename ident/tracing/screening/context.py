@@ -14,7 +14,7 @@ from sim.record import Record
 def search_context(fitted: FittedModel, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
     """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
 
-    ``beside`` are records that the model must serve as well: what they fly through widens the ranges (the outermost
+    ``beside`` are further records that the model must predict: what they fly through widens the ranges (the outermost
     hundredth of an output's samples left out, against spikes).
     """
     fit, layout = fitted.fit, fitted.fit.layout

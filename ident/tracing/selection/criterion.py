@@ -47,7 +47,7 @@ def _standard(fitted: FittedModel, r: int) -> np.ndarray:
 
 
 def few_samples(parent: FittedModel, child: FittedModel) -> float:
-    """Share of the improvement that the three most improved samples bring, 0 to 1: evidence must not hang on so few."""
+    """Share of the improvement that the three most improved samples bring, 0 to 1: evidence must not depend on so few."""
     gained = np.concatenate(
         [
             np.sum((parent.fit.residuals[r] / np.sqrt(parent.fit.variance)[:, None]) ** 2 - _over_parent(parent, child, r) ** 2, axis=0)
