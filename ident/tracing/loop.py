@@ -176,9 +176,9 @@ def with_final_masks(found: Found) -> Found:
 
 
 def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
-    """Effects that replicate; None also where their set predicts the data that were not fitted no better than the declared model."""
+    """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
     ledger, partial = cross_validated(ledger, root, held)
-    return ledger, None if partial is None or no_better(held.declared, partial.out) else partial
+    return ledger, None if partial is None or (held.choosing and no_better(held.declared, partial.out)) else partial
 
 
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
@@ -192,7 +192,8 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     judgement = replace(judgement, claims=tuple(hints))
     if not found.asked:
         ledger, partial = replicating(ledger, found.root, found.held)
-    if partial is None:
+    if partial is None or no_better(found.held.declared, partial.out):
+        # What replicates on the whole and yet predicts the data held out no better is left unsaid.
         return ledger, judgement
     return judged_again(ledger, found, partial)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.statistics.coloured_covariance import autocovariance, corrected_covariance
+from ident.statistics.coloured_covariance import autocovariance, corrected_covariance, effective_share
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from sim.declaration.compile import compile_model
 from sim.record import Channel, Record
@@ -108,3 +108,11 @@ def test_output_error_sigma_matches_the_scatter_of_coloured_noise() -> None:
     assert np.all(honest > 0.6) and np.all(honest < 1.5)
     assert np.all(np.sqrt(np.mean(white, axis=0)) < np.sqrt(np.mean(corrected, axis=0)))
     assert np.median(np.sqrt(np.mean(white, axis=0)) / rms) < 0.6
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_share_of_samples_that_count_follows_bartlett(rho: float) -> None:
+    """1/(1 + 2 sum rho^2k) = (1 - rho^2)/(1 + rho^2) for a first-order colour."""
+    series = ar1(np.random.default_rng(1), (1, 6000), rho)
+    share = effective_share([series], [np.ones(series.shape, dtype=bool)])
+    assert share == pytest.approx((1.0 - rho**2) / (1.0 + rho**2), rel=0.2)

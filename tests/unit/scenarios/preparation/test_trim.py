@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.record import Channel, Record
+from tests.bases import Flight, rigid_flight
+from tests.tracing_problem import planted
 
 TIME = 0.05 * np.arange(200)
 PULSES = np.where((TIME >= 2.0) & (TIME < 3.0), 0.04, 0.0) - np.where((TIME >= 3.0) & (TIME < 4.0), 0.04, 0.0)
@@ -36,3 +40,17 @@ def test_an_unknown_trim_is_told_where_it_matters() -> None:
     assert not trims
     assert trim_sentence(record, "elevator").startswith("r.csv: no rest of the elevator at the beginning tells its trim; its zero is taken")
     assert trim_sentence(record_of(ramp + 0.04, ramp), "elevator") == ""
+
+
+def test_a_record_of_an_aircraft_about_its_trim() -> None:
+    """A rest before the first move is a trim; a step that is held from the first sample on is none."""
+    flight = rigid_flight(8.0, 50.0)
+    waiting = Flight(flight.time, np.where(flight.time < 1.0, 0.0, flight.u), max_step=0.02)
+    record = planted([], None, 1, flight=waiting)
+    assert about_trim(record) == (record, {})
+    shifted = replace(record, inputs=tuple(replace(c, values=c.values + 0.02) for c in record.inputs))
+    moved, trims = about_trim(shifted)
+    assert trims == {"elevator": pytest.approx(0.02)}
+    assert moved["elevator"].values == pytest.approx(record["elevator"].values)
+    stepped = planted([], None, 1, flight=Flight(flight.time, (0.05 * (flight.time < 1.5) - 0.05 * (flight.time > 3.0))[None], max_step=0.02))
+    assert about_trim(stepped) == (stepped, {})

@@ -1,11 +1,10 @@
-"""The colour of residuals: innovations of known autoregressions, and how many samples count."""
+"""The colour of residuals: innovations of known autoregressions."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ident.statistics.coloured_covariance import effective_share
 from ident.tracing.replication.coloured_null import innovation_level
 
 
@@ -30,11 +29,3 @@ def test_missing_samples_and_silence_do_no_harm() -> None:
     valid = rng.random(len(series)) > 0.05
     assert np.isfinite(innovation_level(np.where(valid, series, 1e9), valid))
     assert np.isfinite(innovation_level(np.zeros(100), np.ones(100, dtype=bool)))
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
-def test_share_of_samples_that_count_follows_bartlett(rho: float) -> None:
-    """1/(1 + 2 sum rho^2k) = (1 - rho^2)/(1 + rho^2) for a first-order colour."""
-    series = autoregression((rho,), 1.0)[None]
-    share = effective_share([series], [np.ones(series.shape, dtype=bool)])
-    assert share == pytest.approx((1.0 - rho**2) / (1.0 + rho**2), rel=0.2)

@@ -1,4 +1,4 @@
-"""Fitted models carry values from one to the next; the search adds what is needed, drops what is not, and stops."""
+"""The search adds what is needed, drops what is not, and stops."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import FittedModel, carried, compiled_with, free_names
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.selection.backward import backward_elimination, refined
@@ -16,18 +16,14 @@ from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import expand
 from ident.tracing.selection.forward import first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
-from ident.tracing.selection.refitting import refitted
-from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Record
 from sim.truth.noise import coloured_noise
-from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, problem_of, with_output
+from tests.tracing_problem import SETTINGS, fit_of, planted, problem_of, with_output
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 FEW: tuple[Traceable, ...] = (SensorScale("q"), SensorScale("nz"), SensorLag("alpha"), SensorLag("q"), UnmeasuredInput())
@@ -45,93 +41,6 @@ def found_by(records: Sequence[Record], candidates: Sequence[Traceable] = FEW) -
     root = fit_of(problem)
     ledger, best = refined(*backward_elimination(*searched(problem, root)))
     return ledger, root, best
-
-
-# Fitted models.
-
-
-def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
-    """A smaller model's values begin a larger one's fit, and the other way round; what is new begins as told, or as declared."""
-    records = [planted([SensorLag("q")], LAG, seed) for seed in (1, 2)]
-    problem = problem_of(records)
-    small = fit_of(problem, [SensorScale("nz")])
-    effects = (SensorDrift("q", "rad/s", 5e-4), SensorLag("q"), SensorScale("nz"))
-    _, system = compiled_with(declared(), effects, OUTPUTS)
-    layout = lay_out(records, system, FitSettings(max_step=0.02), local=["sensor-drift:q.slope"])
-    start, guesses = carried(layout, small.values, {"sensor-lag:q.time_constant": 0.123})
-    by_name = dict(zip(layout.names, start, strict=True))
-    known = {**small.values.shared}
-    for r, own in enumerate(small.values.own):
-        known |= {f"{name}, record {r + 1}": value for name, value in own.items()}
-    assert len(known) == len(small.fit.theta)
-    assert {name: by_name[name] for name in known} == known
-    assert {name: value for name, value in by_name.items() if name not in known} == {
-        "sensor-lag:q.time_constant": 0.123,
-        "sensor-drift:q.slope, record 1": 5e-4,
-        "sensor-drift:q.slope, record 2": 5e-4,
-    }
-    assert guesses is not None
-    for guess, line in zip(guesses, small.fit.lines, strict=True):
-        np.testing.assert_array_equal(guess, line.states)
-    # Back: what the smaller model lacks is left behind.
-    large = fit_of(problem, effects, small, {"sensor-lag:q.time_constant": 0.05})
-    back, _ = carried(small.fit.layout, large.values, {})
-    shared = {**large.values.shared}
-    assert {name: value for name, value in zip(small.fit.layout.shared, back, strict=False)} == {
-        name: shared[name] for name in small.fit.layout.shared
-    }
-
-
-def test_added_states_begin_at_rest() -> None:
-    problem = problem_of([planted()])
-    root = fit_of(problem)
-    _, system = compiled_with(declared(), [ElasticMode()], OUTPUTS)
-    layout = lay_out(problem.records, system, FitSettings(max_step=0.02))
-    _, guesses = carried(layout, root.values, {})
-    assert guesses is not None
-    np.testing.assert_array_equal(guesses[0][:2], root.fit.lines[0].states)
-    assert not np.any(guesses[0][2:])
-
-
-def test_a_fit_begun_at_its_own_end_stays_there() -> None:
-    problem = problem_of([planted([SensorLag("q")], LAG)])
-    fitted = fit_of(problem, [SensorLag("q")])
-    again = fit_of(problem, [SensorLag("q")], fitted)
-    assert again.fit.cost == pytest.approx(fitted.fit.cost, abs=1e-6)
-    assert again.fit.iterations <= 3
-
-
-def test_parameters_of_an_effect_of_one_record_are_local() -> None:
-    """Each record has its own drift; a scale is common to both. Both come out as planted."""
-    drift = SensorDrift("q", "rad/s", 5e-4)
-    effects = (drift, SensorScale("nz"))
-    records = [planted(effects, {"sensor-drift:q.slope": slope, "sensor-scale:nz.scale": 1.2}, seed) for seed, slope in ((1, 0.002), (2, -0.003))]
-    fitted = fit_of(problem_of(records), effects)
-    assert "sensor-scale:nz.scale" in fitted.fit.layout.shared
-    assert fitted.fit.layout.local[-1] == "sensor-drift:q.slope"
-    assert [own["sensor-drift:q.slope"] for own in fitted.values.own] == [pytest.approx(0.002, abs=2e-4), pytest.approx(-0.003, abs=2e-4)]
-    assert fitted.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.2, abs=0.02)
-    # Three parameters are paid for: one a record, one for both.
-    assert fitted.added == 3
-    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 3.0 * np.log(2 * 3 * len(records[0])))
-    shown = quantities(fitted, drift)["slope"]
-    # Of the record in which it stands out most.
-    assert shown.value == fitted.values.own[1]["sensor-drift:q.slope"] and shown.std > 0 and shown.unit == "rad/s/s"
-
-
-def test_an_event_pays_for_its_place() -> None:
-    problem = problem_of([planted()])
-    fitted = fit_of(problem, [UnmeasuredInput()])
-    assert len(free_names(UnmeasuredInput())) == 4
-    assert fitted.criterion == pytest.approx(2.0 * fitted.fit.cost + 4.0 * np.log(fitted.fit.counts.sum()) + SETTINGS.event)
-
-
-def test_bad_starts_leave_nothing_fitted() -> None:
-    problem = problem_of([planted()])
-    assert problem.fit([SensorScale("q")], None, {"sensor-scale:q.scale": np.nan}) is None
-
-
-# The search.
 
 
 def test_clean_data_return_the_root() -> None:
@@ -227,62 +136,6 @@ def test_a_set_is_expanded_only_once() -> None:
     assert [child.names for child in children] == [("sensor-lag:q",)]
     again, children = expand(ledger, root, 1)
     assert again is ledger and children == []
-
-
-def test_the_better_of_two_fits_of_a_set_is_kept() -> None:
-    problem = problem_of([planted()])
-    root = fit_of(problem)
-    ledger = Ledger(problem).kept(root, 10.0).kept(root, 20.0)
-    assert ledger.score(root) == 10.0
-    assert ledger.kept(root, 5.0).score(root) == 5.0
-    # A stage returns a ledger; the one it was given is as it was.
-    assert ledger.score(root) == 10.0
-
-
-# Other masks are another problem.
-
-
-def holed(problem: TraceProblem) -> list[np.ndarray]:
-    """Masks without twenty samples of q."""
-    masks = [mask.copy() for mask in problem.masks]
-    masks[0][1, 100:120] = False
-    return masks
-
-
-def test_no_model_that_was_fitted_to_other_samples_enters_a_ledger() -> None:
-    problem = problem_of([planted([SensorLag("q")], LAG)], FEW)
-    root, other = fit_of(problem), problem.with_masks(holed(problem))
-    with pytest.raises(ValueError, match="the declared model was fitted to other samples"):
-        Ledger(other).kept(root, root.criterion)
-    again = fit_of(other)
-    assert Ledger(other).kept(again, again.criterion).known(again) is again
-    with pytest.raises(ValueError, match="other samples"):
-        Ledger(problem).kept(again, again.criterion)
-    # Other records of the same masks are other samples, too.
-    with pytest.raises(ValueError, match="other samples"):
-        Ledger(replace(problem, records=[planted([SensorLag("q")], LAG, 2)])).kept(root, root.criterion)
-
-
-def test_other_masks_leave_no_stale_candidate() -> None:
-    """All sets of a search are there again, each fitted to the new samples, with scores that a search on them would have given."""
-    ledger, _, best = found_by([planted([SensorLag("q")], LAG)])
-    masks = holed(ledger.problem)
-    fresh = refitted(ledger, masks, best)
-    assert fresh is not None
-    assert fresh.models.keys() == ledger.models.keys() and fresh.scores.keys() == fresh.models.keys()
-    for fitted in fresh.models.values():
-        np.testing.assert_array_equal(fitted.fit.layout.problems[0].valid, masks[0])
-        assert int(fitted.fit.counts.sum()) == int(masks[0].sum())
-    declared = fresh.models[frozenset()]
-    assert fresh.score(declared) == declared.criterion
-    one = fresh.known(best)
-    assert fresh.score(one) == pytest.approx(declared.criterion - gain(declared, one, ledger.problem.settings.accept))
-    # Against a search that never saw the other masks.
-    alone = problem_of(ledger.problem.records, FEW).with_masks(masks)
-    assert declared.fit.cost == pytest.approx(fit_of(alone).fit.cost, abs=0.05)
-    assert one.fit.cost == pytest.approx(fit_of(alone, best.effects, fit_of(alone)).fit.cost, abs=0.05)
-    # Nothing counts as extended yet.
-    assert fresh.expanded == frozenset() and fresh.steps == ledger.steps
 
 
 def test_a_set_is_hopeless_where_colour_stays_that_process_noise_does_not_take_in() -> None:

@@ -1,0 +1,85 @@
+"""Which of the effects that stand is chosen, which would do as well, and when a guard forbids any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Quantity
+from ident.tracing.replication.by_record import Flight, Replication
+from ident.tracing.replication.comparison import CrossValidation, choose
+from ident.tracing.replication.error_reduction import reduction
+from ident.tracing.screening.score_test import Finding
+from ident.tracing.validation.held_out import held_out
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.proposal import Traceable
+from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.guards.products import GUARDS
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from tests.tracing_problem import fit_of, problem_of, root_of
+
+LATE = SensorDelay("alpha")
+SCALED = SensorScale("q")
+
+
+def standing(effect: Traceable, fitted: FittedModel, predictions: list[Fit], share: float, *, stands: bool = True) -> CrossValidation:
+    """A candidate that leaves this share of every error, with one parameter a name in ``absent``."""
+    left = {
+        r: replace(fit, weighted=replace(fit.weighted, residuals=(share * fit.residuals[0],))) for r, fit in enumerate(predictions)
+    }  # the same errors, smaller: a difference without scatter
+    lowered = reduction(predictions, [left[r] for r in sorted(left)])
+    finding = Finding(effect, 10.0, len(effect.absent), ({},), (10.0,), np.ones(3))
+    return CrossValidation(effect, finding, fitted, lowered, Replication((), stands), 100.0, stands, "", left)
+
+
+def test_a_guard_stands_against_an_effect_by_being_better_or_by_doing_as_well_and_replicating(late: Flight) -> None:
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    guard = next(effect for effect in GUARDS if effect.name == "guard:alpha-q")
+    squared = next(effect for effect in GUARDS if effect.name == "guard:control-squared")
+    bend, curved = replace(MOMENT_NONLINEARITY, low=-0.1, high=0.1), ControlNonlinearity()
+    effect = standing(bend, fitted, before, 0.6)
+    assert choose([effect]) is not None
+    assert choose([effect, standing(guard, fitted, before, 0.5)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.5, stands=False)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.7)]) is not None
+    assert choose([effect, standing(guard, fitted, before, 0.6)]) is None
+    assert choose([effect, standing(guard, fitted, before, 0.6, stands=False)]) is not None
+    # What an effect contains speaks for it.
+    assert choose([standing(curved, fitted, before, 0.6), standing(squared, fitted, before, 0.5)]) is not None
+    assert choose([effect, standing(squared, fitted, before, 0.5)]) is None
+
+
+def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from_record_to_record(late: Flight) -> None:
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    best, differing = standing(SCALED, fitted, before, 0.6), standing(LATE, fitted, before, 0.59, stands=False)
+    told = replace(differing, replication=Replication(({"delay": Quantity(0.1, 0.01, "s")},), False))
+    apart = replace(told, finding=replace(told.finding, contribution=np.array([1.0, -1.0, 0.0])))
+    assert [item.effect.name for item in choose([best, told]).others] == [LATE.name]  # type: ignore[union-attr]
+    assert choose([best, differing]).others == choose([best, apart]).others == ()  # type: ignore[union-attr]
+
+
+def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
+    fitted = fit_of(problem_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    one, other = standing(LATE, fitted, before, 0.600), standing(SCALED, fitted, before, 0.605)
+    asked: list[str] = []
+
+    def witness(effect: str, parameters: Mapping[str, Quantity]) -> int:
+        asked.append(effect)
+        return int(effect == SCALED.name and parameters["scale"].value > 0)
+
+    assert (first := choose([one, other])) is not None and first.best is one
+    assert (second := choose([one, other], witness)) is not None and second.best is other and [item.effect for item in second.others] == [LATE]
+    assert sorted(asked) == sorted([LATE.name, SCALED.name])
+    asked.clear()
+    assert (third := choose([one, standing(SCALED, fitted, before, 0.8)], witness)) is not None and third.best is one and asked == []

@@ -1,0 +1,37 @@
+"""Two effects that hide each other, by the projection of the residual on both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.tracing.screening.pairs import joint_fall, likely_pairs
+from ident.tracing.screening.score_test import Finding
+from sim.declaration.proposal import Traceable
+from sim.effects.guards.products import GUARDS
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+
+LATE = SensorDelay("alpha")
+SCALED = SensorScale("q")
+
+
+def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
+    """Against the regression of a residual on two columns, and on each alone."""
+    rng = np.random.default_rng(2)
+    residual, columns = rng.standard_normal(300), rng.standard_normal((300, 2))
+    columns[:, 1] -= 0.9 * columns[:, 0]
+    residual += columns @ [0.4, 0.5]
+
+    def finding(effect: Traceable, column: np.ndarray) -> Finding:
+        along = column * (column @ residual) / (column @ column)
+        share = (along @ along) / (residual @ residual)
+        return Finding(effect, -150.0 * np.log1p(-share), 1, ({},), (1.0,), along)
+
+    one, other = finding(LATE, columns[:, 0]), finding(SCALED, columns[:, 1])
+    left = np.linalg.lstsq(columns, residual, rcond=None)[1][0]
+    assert joint_fall(one, other, 300.0) == pytest.approx(-0.5 * np.log(left / (residual @ residual)))
+    assert joint_fall(one, one, 300.0) == pytest.approx(one.gain / 300.0)
+    assert likely_pairs([one, other], [], 300.0) == [(one, other)]
+    assert likely_pairs([one, other], [LATE.name, SCALED.name], 300.0) == []
+    assert likely_pairs([one, finding(next(iter(GUARDS)), columns[:, 1])], [], 300.0) == []

@@ -1,0 +1,67 @@
+"""Honest p-values of what remains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.validation.whiteness import low_frequency_power, whiteness
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
+
+PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
+LAG = {"sensor-lag:q.time_constant": 0.05}
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FittedModel:
+    """Two records, a shared effect and one of each record."""
+    effects = (SensorLag("q"), UnmeasuredInput())
+    problem = problem_of([planted(effects, {**LAG, **PULSE}, seed) for seed in (1, 2)])
+    return fit_of(problem, effects, None, {**LAG, **PULSE})
+
+
+def uniform_distance(p_values: np.ndarray) -> float:
+    """Kolmogorov's distance from the uniform distribution."""
+    ordered, n = np.sort(p_values), len(p_values)
+    return float(np.max(np.maximum(np.arange(1, n + 1) / n - ordered, ordered - np.arange(n) / n)))
+
+
+@pytest.mark.parametrize(("count", "interval", "missing"), [(501, 0.02, 0.0), (400, 0.05, 0.0), (501, 0.02, 0.1)])
+def test_low_frequency_power_has_uniform_p_values_on_white_noise(count: int, interval: float, missing: float) -> None:
+    rng = np.random.default_rng(count)
+    time = interval * np.arange(count)
+    runs = 1500
+    p = np.array([low_frequency_power(rng.standard_normal(count), rng.random(count) >= missing, time, "q").p_value for _ in range(runs)])
+    # Exceeded once in a thousand such tests: sqrt(-ln(0.0005)/2)/sqrt(n).
+    assert uniform_distance(p) < 1.95 / np.sqrt(runs)
+
+
+def test_low_frequency_power_sees_slow_motion_and_not_fast() -> None:
+    rng = np.random.default_rng(2)
+    time = 0.02 * np.arange(500)
+    white, valid = rng.standard_normal(500), np.ones(500, dtype=bool)
+    slow = low_frequency_power(white + np.sin(2.0 * np.pi * 1.0 * time), valid, time, "q")
+    fast = low_frequency_power(white + np.sin(2.0 * np.pi * 9.0 * time), valid, time, "q")
+    assert slow.p_value < 1e-12 and slow.statistic > 2.0
+    assert fast.p_value > 0.9 and fast.statistic < 1.0
+
+
+def test_low_frequency_power_says_nothing_where_all_lies_below() -> None:
+    test = low_frequency_power(np.ones(100), np.ones(100, dtype=bool), 0.2 * np.arange(100.0), "altitude")
+    assert test.p_value == 1.0 and np.isfinite(test.statistic)
+    assert low_frequency_power(np.zeros(500), np.ones(500, dtype=bool), 0.02 * np.arange(500), "q").p_value == 1.0
+
+
+def test_whiteness_tests_every_channel_with_enough_samples_of_every_record(fitted: FittedModel) -> None:
+    tests = whiteness(fitted.fit, "fitted")
+    assert len(tests) == 2 * 3 * 2
+    assert {test.channel for test in tests} == {f"{name}, fitted record {r}" for name in OUTPUTS for r in (1, 2)}
+    assert min(test.p_value for test in tests) > 1e-4
+    short = without_output(planted(), "nz")
+    alpha = short["alpha"].values.copy()
+    alpha[15:] = np.nan
+    few = fit_of(problem_of([with_output(short, "alpha", alpha)]))
+    assert {test.channel for test in whiteness(few.fit, "fitted")} == {"q, fitted"}
