@@ -15,7 +15,7 @@ from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
-from ident.compatibility.trials import Trial, beside, bias_estimates, estimate_of, tried
+from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
 
@@ -90,10 +90,10 @@ def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:
 
 def _by_itself(base: Fit, joint: Searched, settings: CompatibilitySettings, count: int) -> CheckResult:
     """One record of several: each fault beside the same others as in all, and drifts, which belong to one record, beside all that stands."""
-    current = beside(base, joint.found.faults, joint.found.sizes)
+    current = with_more_faults(base, joint.found.faults, joint.found.sizes)
     by_fault: dict[SensorFault, Trial] = {}
     for before, sizes in {trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials}.items():
-        start = current if before == joint.found.faults else beside(base, before, sizes)
+        start = current if before == joint.found.faults else with_more_faults(base, before, sizes)
         by_fault |= {trial.fault: trial for trial in tried(start, [t.fault for t in joint.trials if t.found.faults[:-1] == before])}
     trials = [by_fault[trial.fault] for trial in joint.trials]
     channels = list(dict.fromkeys(trial.fault.channel for trial in joint.trials))

@@ -120,7 +120,7 @@ def bias_estimates(base: Fit) -> tuple[SensorEstimate, ...]:
     return tuple(out)
 
 
-def beside(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
+def with_more_faults(base: Fit, faults: Sequence[SensorFault], sizes: np.ndarray) -> Fit:
     """The fit of one record with faults that stand in all."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
@@ -131,7 +131,7 @@ def replicates(bases: Sequence[Fit], current: Fit, trial: Trial) -> bool:
 
     if len(bases) < 2:
         return True
-    alone = [tried(beside(base, current.faults, current.sizes), [trial.fault])[0] for base in bases]
+    alone = [tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0] for base in bases]
     v, w = np.array([t.size for t in alone if t.told]), np.array([1.0 / t.variance for t in alone if t.told])
     if len(v) < 2:
         return False

@@ -41,16 +41,16 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
         return ledger, Choice(best, out)
     if held.choosing:
         ledger, best, out = _in_freer_form(ledger, best, out, held)
-    weighed = {frozenset(best.names): (best, out)}
+    compared = {frozenset(best.names): (best, out)}
     ledger, alike = near_aliases(ledger, best, settings.near)
     wide = held.choosing and doubted(out)
     for fitted in [*_near(ledger, best, settings.wide if wide else settings.near, 6 if wide else 3), *alike]:
         ledger, other = refined(ledger, fitted)
-        weighed[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
+        compared[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
     # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
-    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in weighed.items()}
-    misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in weighed.items()}
-    chosen, fits = weighed[min(totals, key=lambda key: totals[key])]
+    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    chosen, fits = compared[min(totals, key=lambda key: totals[key])]
     if not held.choosing and chosen is not best:
         fits = predicted_by(chosen, held)
     return ledger, Choice(chosen, fits, totals, misfits)

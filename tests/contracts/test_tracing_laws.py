@@ -17,7 +17,7 @@ from sim.vehicles.short_period import ShortPeriod
 from tests.bases import base_for, fly
 
 VEHICLES = (ShortPeriod(), Loes(), Ballistic())
-OCCASIONS = {
+CONTEXTS = {
     "usual": SearchContext(
         0.0,
         20.0,
@@ -34,7 +34,7 @@ OCCASIONS = {
 }
 # A tracked fall alone cannot show these: they equal another start or another ballistic coefficient.
 INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude", "sensor-scale:altitude"}
-every_context = pytest.mark.parametrize("context", OCCASIONS.values(), ids=OCCASIONS)
+every_context = pytest.mark.parametrize("context", CONTEXTS.values(), ids=CONTEXTS)
 CASES = [
     pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}")
     for vehicle in VEHICLES
@@ -68,7 +68,7 @@ def test_probes_are_complete_and_within_the_bounds(effect: Traceable, base: str,
         if form.regularity in (Regularity.CHANGE_POINT, Regularity.OUTLIER):
             assert form.traits.per_record
         probes = form.probes(context)
-        if context is OCCASIONS["usual"] and form.regularity is not Regularity.OUTLIER:
+        if context is CONTEXTS["usual"] and form.regularity is not Regularity.OUTLIER:
             assert bool(probes) == (form.name not in INVISIBLE)
         for probe in probes:
             assert set(probe.values) == set(items) and set(probe.slopes) <= {name for name, item in items.items() if item.free}
@@ -134,8 +134,8 @@ def test_the_finer_form_with_no_more_is_the_usual_one(effect: Traceable, base: s
         np.testing.assert_allclose(got, wanted, rtol=0.0, atol=1e-11 * np.max(np.abs(wanted)))
 
 
-def test_an_occasion_falls_back_on_peaks_and_spreads_its_onsets() -> None:
-    context = OCCASIONS["usual"]
+def test_a_context_falls_back_on_peaks_and_spreads_its_onsets() -> None:
+    context = CONTEXTS["usual"]
     assert context.flown_range("alpha") == (-0.04, 0.1)
     assert context.flown_range("q") == (-0.2, 0.2) and context.flown_range("elevator") == (-0.08, 0.08)
     assert context.flown_range("theta") is None

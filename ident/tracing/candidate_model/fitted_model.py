@@ -204,6 +204,6 @@ def carried(layout: FitLayout, values: Values | None, added: Mapping[str, float]
             start[position] = added.get(name, mine.get(name, start[position]))
         if guesses is not None and values is not None:
             states = values.states[r]
-            fitted_models = len(layout.problems[r].grid.nodes)
-            guesses.append(np.array([states[name] if name in states else np.zeros(fitted_models) for name in layout.system.state_names]))
+            nodes = len(layout.problems[r].grid.nodes)
+            guesses.append(np.array([states[name] if name in states else np.zeros(nodes) for name in layout.system.state_names]))
     return start, guesses

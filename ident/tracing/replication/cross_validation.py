@@ -43,7 +43,7 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: Fitted
     that a third replaces, are looked for as a pair.
     """
     found: list[CrossValidatedEffect] = []
-    weighed: list[CrossValidation] = []
+    compared: list[CrossValidation] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
     root_model = flight.fit((), range(len(flight.records)), None, root.values.shared)
     steps: list[_Step] = []
@@ -52,15 +52,15 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: Fitted
         if step is None:
             break
         steps.append(step)
-        weighed += step.results
+        compared += step.results
         if step.chosen is None:
             break
         found.append(step.chosen)
     if steps:
         pair, results = _pair_instead(flight, usable, steps[0], found)
-        weighed += results
+        compared += results
         found = pair or found
-    return found, weighed
+    return found, compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,24 +102,24 @@ def _pair_instead(
     if not vouched and fall < reached + (thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.HALF_OF_IT * thresholds.WORTH):
         return None, []
     validated: list[CrossValidatedEffect] = []
-    weighed: list[CrossValidation] = []
+    compared: list[CrossValidation] = []
     one = best.effects[0]
     for _ in range(2):
         # The second may be another than the pair's, where that does better; the first has to come out again with it in the model.
         alone = flight.fit((one,), range(len(flight.records)), best.values)
         step = _weigh_all(flight, candidates, alone) if alone is not None else None
-        weighed += step.results if step is not None else []
+        compared += step.results if step is not None else []
         if step is None or step.chosen is None:
-            return None, weighed
+            return None, compared
         validated.append(step.chosen)
         one = step.chosen.best.effect
     if best.effects[0].name not in {item.effect.name for item in (validated[1].best, *validated[1].others)}:
-        return None, weighed
+        return None, compared
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & validated[-1].best.predictions.keys())
     lowered = reduction([last[r] for r in common], [validated[-1].best.predictions[r] for r in common])
     least = 0.0 if vouched else thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.WORTH
-    return (validated[::-1] if lowered.total < -max(least, thresholds.BEYOND_ITS_SCATTER * lowered.scatter) else None), weighed
+    return (validated[::-1] if lowered.total < -max(least, thresholds.BEYOND_ITS_SCATTER * lowered.scatter) else None), compared
 
 
 def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]) -> FittedModel | None:

@@ -36,9 +36,9 @@ def cross_validated(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tup
     if held.masks is None or has_process_noise(root.system) or len(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
-    chosen, weighed = cross_validate(flight, problem.candidates, root)
+    chosen, compared = cross_validate(flight, problem.candidates, root)
     if not chosen:
-        return ledger.told(evidence=[_candidate(item, chosen=False) for item in weighed]), None
+        return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
     ledger, fitted = fit(ledger, tuple(item.best.effect for item in chosen), root, _starts(chosen))
     if fitted is None:
         return ledger, None
@@ -47,7 +47,7 @@ def cross_validated(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tup
         *(Step(item.best.fitted.names, item.best.fitted.criterion, item.best.fitted.fit.log_likelihood, _sentence(item)) for item in chosen)
     )
     members = {id(member) for item in chosen for member in (item.best, *item.others)}
-    ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in weighed])
+    ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
     return ledger, Partial(tuple(_claim(fitted, item) for item in chosen), fitted, predicted_by(fitted, held))
 
 

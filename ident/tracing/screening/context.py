@@ -11,10 +11,10 @@ from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
 
-def search_context(fitted: FittedModel, beside: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
+def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
     """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
 
-    ``beside`` are further records that the model must predict: what they fly through widens the ranges (the outermost
+    ``predicted`` are further records that the model must predict: what they fly through widens the ranges (the outermost
     hundredth of an output's samples left out, against spikes).
     """
     fit, layout = fitted.fit, fitted.fit.layout
@@ -41,7 +41,7 @@ def search_context(fitted: FittedModel, beside: Sequence[Record] = (), which: Se
             low, high = min(float(r[i].min()) for r in rows), max(float(r[i].max()) for r in rows)
             flown.setdefault(name, (low, high))
             states.setdefault(name, max(abs(low), abs(high)))
-    for record in beside:
+    for record in predicted:
         for channel in record.channels:
             values = channel.values[channel.valid]
             edges = (0.0, 1.0) if channel.name in record.input_names else (0.005, 0.995)
