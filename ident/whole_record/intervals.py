@@ -1,4 +1,4 @@
-"""All node intervals of a record crossed at once, and outputs read at its samples.
+"""Interval transitions: states carried over all intervals of a record at once, and outputs read at its samples.
 
 Rows of states and of driven inputs have their columns first and the times last, so that one step of an integrator serves every interval and
 every column together.
