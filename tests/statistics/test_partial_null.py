@@ -32,7 +32,7 @@ NOISE = {"alpha": 0.002, "q": 0.002, "nz": 0.01}  # of the white part
 
 @dataclass(frozen=True)
 class CubicLoads:
-    """moment += alpha (``squared`` alpha q_hat + ``mixed`` alpha elevator) + ``steep`` elevator q_hat^2: small, and neither in the library nor a guard."""
+    """moment += alpha^2 (``squared`` q_hat + ``mixed`` elevator) + ``steep`` elevator q_hat^2: neither in the library nor a guard."""
 
     name: ClassVar[str] = "own:cubic"
     station: ClassVar[Station] = Station.DYNAMICS

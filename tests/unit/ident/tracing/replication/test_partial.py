@@ -87,10 +87,8 @@ def test_the_sentence_gives_the_change_on_each_record(found: tuple[Ledger, Parti
     ledger, partial, before = found
     (step,) = ledger.steps[len(before.steps) :]
     assert step.effects == (LATE.name,)
-    sentence = step.sentence
-    match = re.fullmatch(
-        r"sensor-delay:alpha replicates and changes the error on records not fitted by (.*?)(; (.*) would do as well)?", step.sentence
-    )
+    form = r"sensor-delay:alpha replicates and changes the error on records not fitted by (.*?)(; (.*) would do as well)?"
+    match = re.fullmatch(form, step.sentence)
     assert match is not None
     changes = [float(part.removesuffix(" %")) for part in match[1].split(", ")]
     evidence = partial.claims[0].evidence
