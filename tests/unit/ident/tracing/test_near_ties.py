@@ -5,53 +5,25 @@ A late vane and a vane ahead of the centre of gravity look much alike, so that t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any, ClassVar
+from collections.abc import Sequence
 
 import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import Concern, Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from sim.declaration.effect import Regularity, Station
-from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
-from sim.declaration.traits import Traits
+from sim.declaration.proposal import Traceable
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
+from tests.rate_in_alpha import RateInAlpha
 from tests.tracing_problem import SETTINGS, declared, fit_of, planted, problem_of
 
 LATE, AHEAD = SensorDelay("alpha"), VaneOffset()
 BOTH: tuple[Traceable, ...] = (LATE, AHEAD)
 
 
-@dataclass(frozen=True)
-class RateInAlpha:
-    """A guard that is a vane ahead of the centre of gravity under another name: it beats a late vane by as little as one likes."""
-
-    vane: VaneOffset = field(default_factory=VaneOffset)
-
-    name: ClassVar[str] = "guard:rate-in-alpha"
-    channel: ClassVar[str] = "alpha"
-    station: ClassVar[Station] = Station.SENSOR_PATH
-    parameters: ClassVar[tuple[Parameter, ...]] = VaneOffset.parameters
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ()
-    traits: ClassVar[Traits] = Traits(guard=True)
-    explanation: ClassVar[str] = "A share of the pitch rate stands in alpha."
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return self.vane.probes(context)
-
-    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return self.vane.read(s, y, vehicle, p)
-
-
-GUARD = RateInAlpha()
+GUARD = RateInAlpha(guard=True)  # it beats a late vane by as little as one likes
 
 
 def late(delay: float, seed: int = 2) -> Record:

@@ -136,3 +136,22 @@ def test_a_channel_that_one_record_lacks_does_not_make_it_white() -> None:
     wandering = [np.where(problem.valid, np.cumsum(rng.standard_normal(problem.valid.shape), axis=1), 0.0) for problem in fitted.fit.layout.problems]
     assert is_coloured_throughout(with_residuals(fitted, wandering), 1e-20)
     assert not is_coloured_throughout(fitted, 1e-20) and is_white(fitted)
+
+
+def test_a_gain_that_hangs_on_three_samples_counts_for_half_of_what_is_to_be_brought(root: FittedModel) -> None:
+    """By hand: the lesser of twice the gain over its unevenness and of what the other samples bring plus half of ``accept``, less the price."""
+    accept, price, brought = 10.0, 7.3, 400.0
+    before = [np.full_like(residual, 0.01) for residual in root.fit.residuals]
+    parent = with_residuals(root, before)
+
+    def child(better: slice) -> FittedModel:
+        after = [residual.copy() for residual in before]
+        after[0][1, better] = 0.0
+        changed = with_residuals(root, after)
+        cost = parent.fit.cost - 0.5 * brought
+        return replace(changed, fit=replace(changed.fit, cost=cost), criterion=2.0 * cost + parent.criterion - 2.0 * parent.fit.cost + price)
+
+    assert gain(parent, child(slice(10, 13)), accept) == pytest.approx(0.5 * accept - price)
+    assert gain(parent, child(slice(10, 16)), accept) == pytest.approx(0.5 * brought + 0.5 * accept - price)
+    # Where hundreds of samples bring it the first of the two is the lesser.
+    assert gain(parent, child(slice(0, 500)), accept) == pytest.approx(brought - price)

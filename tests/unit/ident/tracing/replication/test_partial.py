@@ -1,0 +1,146 @@
+"""Effects that stand although what remains is not noise, as they are told: claims, sigmas, sentences, evidence, and when nothing is asked."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Quantity
+from ident.tracing.loop import fit_declared, held_out_data
+from ident.tracing.replication import partial as told
+from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.selection.ledger import Ledger
+from ident.tracing.validation.held_out import HeldOutData
+from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.record import Record
+from tests.tracing_problem import coloured, declared, fit_of, planted, problem_of
+
+LATE, AHEAD, SCALE = SensorDelay("alpha"), VaneOffset(), SensorScale("q")
+LIBRARY: tuple[Traceable, ...] = (LATE, AHEAD, SCALE)
+DELAYED = {"sensor-delay:alpha.delay": 0.08}
+
+
+def begun(records: Sequence[Record], validation: Sequence[Record]) -> tuple[Ledger, FittedModel, HeldOutData]:
+    start = fit_declared(replace(problem_of(records, LIBRARY), predicted=validation))
+    return start.ledger, start.root, held_out_data(start, validation)
+
+
+@pytest.fixture(scope="module")
+def found(late: Flight) -> tuple[Ledger, Partial, Ledger]:
+    """Three fitted records and one held out: the ledger after, what stands, and the ledger before."""
+    ledger, root, held = begun(late.records, [coloured(planted([LATE], DELAYED, 9), 9)])
+    after, partial = cross_validated(ledger, root, held)
+    assert partial is not None
+    return after, partial, ledger
+
+
+def test_a_claim_tells_what_stands_and_what_would_do_as_well(found: tuple[Ledger, Partial, Ledger]) -> None:
+    ledger, partial, _ = found
+    (claim,) = partial.claims
+    assert claim.claimed and claim.name == LATE.name and claim.explanation == LATE.explanation and claim.records == ()
+    assert set(claim.alternatives) <= {AHEAD.name} and len(claim.alternatives) <= thresholds.ALTERNATIVES_NAMED
+    evidence = claim.evidence
+    assert evidence is not None and evidence.already_in_model == ()
+    assert 0.0 < evidence.error_left < 1.0 - thresholds.WORTH / 2.0 and 0.0 < evidence.error_left_std < 0.2
+    assert len(evidence.by_record) == 3 and all(set(own) == {"delay"} for own in evidence.by_record)
+    # The derivatives under each name that would do, and nothing but those of the declared model.
+    assert set(evidence.derivatives) == {LATE.name, *claim.alternatives}
+    free = {item.name for item in declared().parameters if item.free and not item.name.startswith("bias_")}
+    assert all(set(quantities) == free for quantities in evidence.derivatives.values())
+    assert all(quantity.std > 0.0 for quantities in evidence.derivatives.values() for quantity in quantities.values())
+    # What is claimed is fitted to the samples of the ledger, and judged on the record held out.
+    assert partial.fitted.names == (LATE.name,) and ledger.problem.holds(partial.fitted) and ledger.known(partial.fitted) is partial.fitted
+    assert ledger.score(partial.fitted) == partial.fitted.criterion
+    assert partial.out.frozen is not None and len(partial.out.frozen.layout.problems) == 1
+
+
+def test_the_value_is_that_of_the_common_fit_with_a_sigma_that_the_records_bear_out(found: tuple[Ledger, Partial, Ledger]) -> None:
+    _, partial, _ = found
+    (claim,) = partial.claims
+    assert claim.evidence is not None
+    shown, common = claim.parameters["delay"], own_quantities(partial.fitted, LATE)["delay"]
+    each = [own["delay"].value for own in claim.evidence.by_record]
+    assert shown.value == common.value and shown.unit == "s"
+    assert shown.std == pytest.approx(max(common.std, np.std(each, ddof=1) / np.sqrt(3.0)))
+    assert abs(shown.value - 0.08) < 4.0 * shown.std
+
+
+def test_sigmas_do_not_fall_below_the_scatter_between_three_records_and_two_do_not_tell() -> None:
+    quantity = Quantity(1.0, 0.01, "s")
+    assert told._scattered(quantity, [0.9, 1.0, 1.1]) == Quantity(1.0, pytest.approx(0.1 / np.sqrt(3.0)), "s")
+    assert told._scattered(quantity, [0.999, 1.0, 1.001]) == quantity
+    assert told._scattered(quantity, [0.5, 1.5]) == quantity
+
+
+def test_the_sentence_gives_the_change_on_each_record(found: tuple[Ledger, Partial, Ledger]) -> None:
+    ledger, partial, before = found
+    (step,) = ledger.steps[len(before.steps) :]
+    assert step.effects == (LATE.name,)
+    form = r"sensor-delay:alpha replicates and changes the error on records not fitted by (.*?)(; (.*) would do as well)?"
+    match = re.fullmatch(form, step.sentence)
+    assert match is not None
+    changes = [float(part.removesuffix(" %")) for part in match[1].split(", ")]
+    evidence = partial.claims[0].evidence
+    assert evidence is not None and len(changes) == 3 and all(change < 0.0 for change in changes)
+    # Their middle is what is left of the error, within the rounding to a per cent.
+    assert np.mean(changes) == pytest.approx(100.0 * (evidence.error_left - 1.0), abs=3.0)
+    assert (match[3] or "") == ", ".join(partial.claims[0].alternatives)
+
+
+def test_all_that_was_weighed_is_evidence_with_its_reason(found: tuple[Ledger, Partial, Ledger]) -> None:
+    ledger, partial, before = found
+    weighed = {candidate.name: candidate for candidate in ledger.evidence[len(before.evidence) :] if candidate.within == ()}
+    members = {LATE.name, *partial.claims[0].alternatives}
+    assert members <= set(weighed)
+    for name, candidate in weighed.items():
+        assert candidate.fitted and candidate.held_out_change is not None and 0.0 <= candidate.p_value <= 1.0 and candidate.round == 1
+        if name in members:
+            assert candidate.remark in ("stands", "the records give different values")
+            assert candidate.held_out_change < -thresholds.WORTH / 2.0
+        else:
+            assert candidate.remark not in ("", "stands")
+    assert weighed[LATE.name].remark == "stands"
+
+
+def test_a_second_effect_is_told_beside_the_first() -> None:
+    values = {**DELAYED, "sensor-scale:q.scale": 1.3}
+    records = [coloured(planted([LATE, SCALE], values, seed), seed) for seed in (1, 2, 3)]
+    ledger, root, held = begun(records, [coloured(planted([LATE, SCALE], values, 9), 9)])
+    ledger, partial = cross_validated(ledger, root, held)
+    assert partial is not None and {claim.name for claim in partial.claims} == {LATE.name, SCALE.name} == set(partial.fitted.names)
+    first, second = partial.claims
+    assert second.evidence is not None and second.evidence.already_in_model == (first.name,)
+    assert ledger.steps[-1].sentence.startswith(f"{second.name} beside {first.name} replicates") and " beside " not in ledger.steps[-2].sentence
+
+
+def test_where_nothing_stands_only_the_evidence_is_told() -> None:
+    ledger, root, held = begun([coloured(planted([], None, seed), seed) for seed in (4, 5, 6)], [coloured(planted([], None, 9), 9)])
+    after, partial = cross_validated(ledger, root, held)
+    assert partial is None and after.steps == ledger.steps and after.models == ledger.models
+    assert all(candidate.remark not in ("", "stands") for candidate in after.evidence[len(ledger.evidence) :])
+
+
+def test_what_cannot_be_asked_is_not_said(late: Flight) -> None:
+    """Without data that can be predicted, with one record in all, and with process noise the ledger comes back as it was."""
+    validation = [coloured(planted([LATE], DELAYED, 9), 9)]
+    ledger, root, held = begun(late.records[:2], validation)
+    assert cross_validated(ledger, root, HeldOutData()) == (ledger, None)
+    assert cross_validated(ledger, root, replace(held, masks=None)) == (ledger, None)
+    moved = fit_of(ledger.problem, (GustTurbulence(),), root)
+    assert cross_validated(ledger, moved, held) == (ledger, None)
+    # One record and one that is held out from all but the verdict: nothing to leave out. Where that may choose, there is.
+    alone, lonely, other = begun(late.records[:1], validation)
+    assert other.choosing
+    assert cross_validated(alone, lonely, replace(other, choosing=False)) == (alone, None)
+    assert cross_validated(alone, lonely, other)[1] is not None

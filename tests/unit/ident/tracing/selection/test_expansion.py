@@ -1,0 +1,62 @@
+"""One fitted model extended: which start counts, where a fit begins that the projection led astray, and when a parent is fitted again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.screening.score_test import Finding
+from ident.tracing.selection.expansion import _from_child, best_fit, near_absence
+from ident.tracing.selection.ledger import Ledger
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from tests.tracing_problem import fit_of, planted, problem_of
+
+PULSE = UnmeasuredInput()
+RIGHT = {"unmeasured-input.start": 6.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.01, "unmeasured-input.lift": 0.0}
+WRONG = {**RIGHT, "unmeasured-input.start": 2.0, "unmeasured-input.moment": 1e-4}
+
+
+def test_near_absence_is_a_hundredth_of_the_way() -> None:
+    assert near_absence(SensorDelay("q"), {"sensor-delay:q.delay": 0.1}) == {"sensor-delay:q.delay": pytest.approx(0.001)}
+    assert near_absence(SensorScale("q"), {"sensor-scale:q.scale": 1.5}) == {"sensor-scale:q.scale": pytest.approx(1.005)}
+    # What has no absence stays.
+    event = near_absence(PULSE, RIGHT)
+    assert event["unmeasured-input.start"] == 6.0 and event["unmeasured-input.moment"] == pytest.approx(1e-4)
+
+
+@pytest.fixture(scope="module")
+def pulse() -> tuple[Ledger, FittedModel]:
+    problem = problem_of([planted([PULSE], RIGHT)], (PULSE,))
+    root = fit_of(problem)
+    return Ledger(problem).kept(root, root.criterion), root
+
+
+@pytest.mark.parametrize("starts", [(RIGHT, WRONG), (WRONG, RIGHT)], ids=["the first", "the second"])
+def test_of_several_starts_the_one_that_ends_lowest_counts(pulse: tuple[Ledger, FittedModel], starts: tuple[dict[str, float], ...]) -> None:
+    ledger, root = pulse
+    after, child = best_fit(ledger, root, Finding(PULSE, 50.0, 4, starts, (50.0, 50.0), np.zeros(1)), 2)
+    assert child is not None and child.values.own[0]["unmeasured-input.start"] == pytest.approx(6.0, abs=0.1)
+    assert after.spent > ledger.spent
+    # Of one start alone the first is taken, wherever that leads.
+    _, first = best_fit(ledger, root, Finding(PULSE, 50.0, 4, starts, (50.0, 50.0), np.zeros(1)), 1)
+    assert first is not None and (first.fit.cost < child.fit.cost + 1.0) is (starts[0] is RIGHT)
+
+
+def test_a_parent_is_fitted_again_where_its_child_knows_a_better_optimum_and_only_there() -> None:
+    scale = SensorScale("nz")
+    problem = problem_of([planted([PULSE, scale], {**RIGHT, "sensor-scale:nz.scale": 1.2})], (PULSE, scale))
+    root = fit_of(problem)
+    astray = fit_of(problem, [PULSE], root, WRONG)
+    child = fit_of(problem, [PULSE, scale], root, {**RIGHT, "sensor-scale:nz.scale": 1.2})
+    good = fit_of(problem, [PULSE], child)
+    assert good.fit.cost < astray.fit.cost - 5.0
+    ledger = Ledger(problem).kept(root, root.criterion).kept(astray, 1000.0)
+    after, parent = _from_child(ledger, astray, child)
+    assert parent.fit.cost == pytest.approx(good.fit.cost, abs=0.5)
+    assert after.known(parent) is parent and after.score(parent) == pytest.approx(1000.0 - 2.0 * (astray.fit.cost - parent.fit.cost))
+    ledger = Ledger(problem).kept(root, root.criterion).kept(good, 1000.0)
+    after, parent = _from_child(ledger, good, child)
+    assert parent is good and after.models == ledger.models and after.scores == ledger.scores

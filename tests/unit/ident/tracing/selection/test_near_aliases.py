@@ -1,0 +1,105 @@
+"""Near-aliases: what could take the place of an effect is fitted in its place, and kept where it does nearly as well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Candidate
+from ident.tracing.selection.ledger import Ledger
+from ident.tracing.selection.near_aliases import near_aliases
+from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.guards.products import GUARDS
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.vane_offset import VaneOffset
+from tests.rate_in_alpha import RateInAlpha
+from tests.tracing_problem import SETTINGS, fit_of, planted, problem_of
+
+LATE, LAG, AHEAD, SCALE = SensorDelay("alpha"), SensorLag("alpha"), VaneOffset(), SensorScale("nz")
+
+
+def ledger_of(candidates: Sequence[Traceable], effects: Sequence[Traceable] = (LATE,), delay: float = 0.02) -> tuple[Ledger, FittedModel]:
+    """A ledger that holds the declared model and one set, of a record with a late vane and, in sets of two, a wrong scale."""
+    values = {"sensor-delay:alpha.delay": delay, "sensor-scale:nz.scale": 1.3}
+    problem = problem_of([planted(effects, {name: value for name, value in values.items() if name.split(".")[0] in {e.name for e in effects}}, 2)])
+    problem = replace(problem, candidates=tuple(candidates))
+    root = fit_of(problem)
+    best = fit_of(problem, effects, root)
+    return Ledger(problem).kept(root, root.criterion).kept(best, best.criterion - 3.0), best
+
+
+def seen(name: str, *alike: str, within: tuple[str, ...] = ()) -> Candidate:
+    return Candidate(1, within, name, 100.0, 0.0, True, True, {}, None, alike)
+
+
+def test_what_an_effect_calls_alike_is_fitted_in_its_place() -> None:
+    ledger, best = ledger_of((LATE, AHEAD, SCALE))
+    after, (other,) = near_aliases(ledger, best, SETTINGS.near)
+    assert other.names == (AHEAD.name,)
+    assert 0.0 < other.criterion - best.criterion < SETTINGS.near
+    # Weighed by the plain criterion: nothing says how evenly it brings what it brings.
+    assert after.score(other) - after.score(best) == pytest.approx(other.criterion - best.criterion)
+    assert after.known(other) is other and after.spent > ledger.spent
+    (step,) = after.steps
+    assert step.effects == (AHEAD.name,) and step.sentence == "vane-offset in the place of sensor-delay:alpha fits nearly as well"
+    # It is there now, and not fitted again.
+    assert near_aliases(after, best, SETTINGS.near) == (after, [])
+
+
+def test_beside_the_rest_of_a_set() -> None:
+    ledger, best = ledger_of((LATE, AHEAD, SCALE), (SCALE, LATE))
+    after, found = near_aliases(ledger, best, SETTINGS.near)
+    assert [frozenset(fitted.names) for fitted in found] == [frozenset({SCALE.name, AHEAD.name})]
+    assert len(after.steps) == 1
+
+
+def test_what_is_clearly_worse_is_not_kept() -> None:
+    ledger, best = ledger_of((LATE, AHEAD), delay=0.05)
+    after, found = near_aliases(ledger, best, SETTINGS.near)
+    assert found == [] and after.models.keys() == ledger.models.keys() and after.steps == ()
+    # By the likelihood, whatever the number of parameters: it lies some thirty below.
+    assert [fitted.names for fitted in near_aliases(ledger, best, 60.0)[1]] == [(AHEAD.name,)]
+
+
+def test_what_the_evidence_calls_alike_is_tried_from_either_side_and_in_like_company_only() -> None:
+    stranger = RateInAlpha()
+    ledger, best = ledger_of((LATE, stranger))
+    assert near_aliases(ledger, best, SETTINGS.near) == (ledger, [])
+    for told, expected in (
+        (seen(LATE.name, stranger.name), [(stranger.name,)]),
+        (seen(stranger.name, LATE.name), [(stranger.name,)]),
+        (seen(stranger.name, LATE.name, within=("input-delay",)), []),
+    ):
+        assert [fitted.names for fitted in near_aliases(ledger.told(evidence=[told]), best, SETTINGS.near)[1]] == expected
+
+
+def test_guards_process_noise_and_a_second_fault_of_one_sensor_take_no_place() -> None:
+    guard = GUARDS[0]
+    ledger, best = ledger_of((LATE, LAG, guard, GustTurbulence()))
+    ledger = ledger.told(evidence=[seen(LATE.name, guard.name, "gust-turbulence")])
+    _, found = near_aliases(ledger, best, 1e9)
+    assert [fitted.names for fitted in found] == [(LAG.name,)]
+    # Beside the delay of a sensor its lag stands for nothing else.
+    ledger, best = ledger_of((LATE, LAG, SCALE), (LATE, SCALE))
+    ledger = ledger.told(evidence=[seen(SCALE.name, LAG.name)])
+    assert not any({LATE.name, LAG.name} <= set(fitted.names) for fitted in near_aliases(ledger, best, 1e9)[1])
+
+
+def test_what_promises_little_is_not_worth_a_fit() -> None:
+    """A scale of nz explains nothing of a late vane, whatever the evidence says."""
+    ledger, best = ledger_of((LATE, SCALE))
+    ledger = ledger.told(evidence=[seen(LATE.name, SCALE.name)])
+    after, found = near_aliases(ledger, best, 1e9)
+    assert found == [] and SCALE.name not in {name for key in after.models for name in key}
+
+
+def test_a_search_without_means_fits_none() -> None:
+    ledger, best = ledger_of((LATE, AHEAD))
+    spent = replace(ledger, spent=ledger.problem.settings.budget)
+    assert near_aliases(spent, best, SETTINGS.near)[1] == []

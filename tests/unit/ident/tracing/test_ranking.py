@@ -1,0 +1,131 @@
+"""Of sets that are near each other, the one to judge: what data that were not fitted may change in that, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import pytest
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.ranking import Choice, alternatives_of, choose_among_near, is_ambiguous
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.ledger import Ledger
+from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, held_out, predicted_by
+from sim.declaration.proposal import Traceable
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.record import Record
+from tests.rate_in_alpha import RateInAlpha
+from tests.tracing_problem import OUTPUTS, SETTINGS, fit_of, planted, problem_of
+
+LATE, AHEAD = SensorDelay("alpha"), VaneOffset()
+BEND = replace(MOMENT_NONLINEARITY, low=-0.15, high=0.15)
+SHARP = {f"moment-nonlinearity.{name}": 0.0 for name in BEND.finer().absent} | {
+    "moment-nonlinearity.shape1": -0.01,
+    "moment-nonlinearity.shape6": 0.01,
+}
+
+
+def ledger_of(record: Record, *sets: Sequence[Traceable]) -> tuple[Ledger, FittedModel]:
+    """A ledger with the declared model and fitted sets, scored by their criterion; the first of them is the best."""
+    problem = problem_of([record], tuple({effect.name: effect for effects in sets for effect in effects}.values()))
+    root = fit_of(problem)
+    ledger, fitted = Ledger(problem).kept(root, root.criterion), [fit_of(problem, effects, root) for effects in sets]
+    for each in fitted:
+        ledger = ledger.kept(each, each.criterion)
+    return ledger, fitted[0]
+
+
+def data(ledger: Ledger, records: Sequence[Record], *, choosing: bool = True) -> HeldOutData:
+    root = ledger.models[frozenset()]
+    return HeldOutData(records, measured_masks(records, OUTPUTS), held_out(root, records, None, informed=False), choosing)
+
+
+@pytest.fixture(scope="module")
+def bent() -> tuple[Ledger, FittedModel, Record]:
+    """A moment that bends more sharply than four shapes follow: a noisy record does not show that, a clean one does."""
+    noisy, clean = planted([BEND.finer()], SHARP, 1, scale=4.0), planted([BEND.finer()], SHARP, 5)
+    return *ledger_of(noisy, [BEND]), clean
+
+
+def fine(fitted: FittedModel) -> bool:
+    (effect,) = fitted.effects
+    return getattr(effect, "fine", False) is True
+
+
+def test_data_that_choose_may_ask_for_the_freer_form(bent: tuple[Ledger, FittedModel, Record]) -> None:
+    ledger, best, clean = bent
+    held = data(ledger, [clean])
+    assert is_white(best, SETTINGS.white) and doubted(predicted_by(best, held))
+    after, choice = choose_among_near(ledger, best, held)
+    assert fine(choice.best) and not doubted(choice.out) and choice.best.names == best.names
+    assert after.known(choice.best) is choice.best and after.score(choice.best) == ledger.score(best)
+    assert after.steps[-1].sentence == "freer forms, for what the held-out data show of them"
+    assert choice.out.informed is not None and set(choice.totals) == {frozenset(best.names)}
+
+
+def test_neither_data_that_are_held_out_nor_data_that_bear_the_plain_form_ask_for_it(bent: tuple[Ledger, FittedModel, Record]) -> None:
+    ledger, best, clean = bent
+    assert not fine(choose_among_near(ledger, best, data(ledger, [clean], choosing=False))[1].best)
+    as_noisy = data(ledger, [planted([BEND.finer()], SHARP, 6, scale=4.0)])
+    assert not doubted(predicted_by(best, as_noisy))
+    after, choice = choose_among_near(ledger, best, as_noisy)
+    assert not fine(choice.best) and after.steps == ledger.steps
+
+
+def test_where_other_data_doubt_the_best_set_rivals_are_looked_for_farther_away() -> None:
+    """The late vane wins in the fitted record by more than what is near; in the other one the vane is ahead, and more so."""
+    ledger, best = ledger_of(planted([LATE], {"sensor-delay:alpha.delay": 0.05}, 2), [LATE], [AHEAD])
+    behind = ledger.models[frozenset({AHEAD.name})].criterion - best.criterion
+    assert SETTINGS.near < behind < SETTINGS.wide
+    other = planted([AHEAD], {"vane-offset.arm": 10.0}, 9, scale=0.3)
+    held = data(ledger, [other])
+    assert doubted(predicted_by(best, held))
+    _, choice = choose_among_near(ledger, best, held)
+    assert choice.best.names == (AHEAD.name,) and len(choice.totals) == 2
+    # The cost of all data, those that were not fitted included.
+    for name in (LATE.name, AHEAD.name):
+        fitted = ledger.models[frozenset({name})]
+        informed = predicted_by(fitted, held).informed
+        assert informed is not None
+        assert choice.totals[frozenset({name})] == pytest.approx(fitted.criterion + 2.0 * informed.cost, abs=1.0)
+        assert choice.misfits[frozenset({name})] == pytest.approx(2.0 * (fitted.fit.cost + informed.cost), abs=1.0)
+    # Held out, they neither choose nor widen what is looked at; nor do data that bear the best set.
+    for calm in (replace(held, choosing=False), data(ledger, [planted([LATE], {"sensor-delay:alpha.delay": 0.05}, 9)])):
+        _, choice = choose_among_near(ledger, best, calm)
+        assert choice.best.names == (LATE.name,) and set(choice.totals) == {frozenset({LATE.name})}
+
+
+def test_what_training_leaves_unexplained_is_not_put_to_others() -> None:
+    ledger, best = ledger_of(planted([LATE, SensorScale("nz")], {"sensor-delay:alpha.delay": 0.2, "sensor-scale:nz.scale": 1.5}, 2), [LATE], [AHEAD])
+    assert not is_white(best, SETTINGS.white)
+    held = data(ledger, [planted(seed=3)])
+    after, choice = choose_among_near(ledger, best, held)
+    assert after is ledger and choice.best is best and choice.totals == {}
+    assert choice.out.frozen is not None and choice.out.informed is None
+
+
+def choice_of(problem: TraceProblem, best: FittedModel, totals: Mapping[str, float]) -> Choice:
+    """A choice among sets of one effect, by name, with the same figures for criterion and misfit."""
+    figures = {frozenset(name.split(" + ")): value for name, value in totals.items()}
+    return Choice(best, HeldOut(None, None), figures, figures)
+
+
+def test_alternatives_and_ties_by_hand() -> None:
+    """Two names at most, the nearest first; a guard, another size and the same sensor's other lateness make no tie."""
+    guard = RateInAlpha(guard=True)
+    problem = problem_of([planted([LATE], {"sensor-delay:alpha.delay": 0.02}, 2)], (LATE, guard))
+    best, guards = fit_of(problem, [LATE]), frozenset({guard.name})
+    choice = choice_of(problem, best, {LATE.name: 100.0, "far": 110.5, "c": 109.0, "b": 103.5, "a": 108.0, guard.name: 100.1, "b + a": 90.0})
+    assert alternatives_of(choice, guards) == {LATE.name: ("b", "a")}
+    assert not is_ambiguous(choice, guards)
+    for name, expected in (("b", True), (SensorLag("alpha").name, False), (guard.name, False), ("b + a", False)):
+        assert is_ambiguous(choice_of(problem, best, {LATE.name: 100.0, name: 102.5}), guards) is expected
+    assert not is_ambiguous(choice_of(problem, best, {LATE.name: 100.0, "b": 103.5}), guards)
+    assert alternatives_of(Choice(best, HeldOut(None, None)), guards) == {} and not is_ambiguous(Choice(best, HeldOut(None, None)), guards)
