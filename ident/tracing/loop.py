@@ -14,6 +14,7 @@ from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
 from ident.tracing.ranking import choose_among_near
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
+from ident.tracing.replication.by_record import choosing_records
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.backward import backward_elimination, refined
@@ -47,7 +48,7 @@ def diagnose(
     records : the data to fit. model : the declared model, with its biases; noise levels are estimated.
     candidates : effects that may be claimed. guards : terms that compete like effects but mean ``unexplained``.
     validation : data that are not fitted; empty means that errors are those of the fit. They take part in choosing effects where a single
-        record is fitted, else they are held out from all but the verdict.
+        record is fitted. Else they decide the verdict, and what is told beside it (hints, the inflation of sigmas, the range of a curve).
     progress : told what is being done and how much of the work that is.
     witness : says by other means than the model whether an effect is there; asked only where a ranking depends on it.
 
@@ -136,10 +137,10 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
     """Data that are not fitted: their inputs mended, the samples that count, and the declared model there."""
     if not validation:
         return HeldOutData()
-    records = [mended_inputs(record, [claim.name.partition(":")[2] for claim in declared.spikes]) for record in validation]
+    records = [mended_inputs(declared.ledger.problem, record, declared.spikes) for record in validation]
     first = held_out(declared.root, validation, None, informed=False)
     masks = held_out_masks(first, records, declared.ledger.problem.outputs)
-    before = held_out(declared.root, validation, masks, informed=False)
+    before = held_out(declared.root, records, masks, informed=False)
     return HeldOutData(records, masks, before, choosing=len(declared.ledger.problem.records) == 1)
 
 
@@ -147,7 +148,8 @@ def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
     ledger, first = first_round(declared.ledger, root)
-    asked, partial = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS and defies(root, first), None
+    several = len(choosing_records(ledger.problem, held).records) >= thresholds.FEWEST_RECORDS
+    asked, partial = several and defies(root, first), None
     if asked:
         # A search that trusts noise to be white would only add effect upon effect.
         ledger, partial = replicating(ledger, root, held)
@@ -162,17 +164,18 @@ def with_final_masks(found: Found) -> Found:
     """The final spikes with their claims; where they differ from the provisional ones, all sets of the search fitted anew without them."""
     problem = found.ledger.problem
     masks, claims = spike_claims(problem, found.best)
-    found = replace(found, spikes=(*found.spikes, *claims))
+    told = replace(found, spikes=(*found.spikes, *claims))
     if all(np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
-        return found
+        return told
     fresh = refitted(found.ledger, masks, found.best)
     if fresh is None:
+        # Without them nothing can be fitted: they stay in every fit, and are not claimed.
         return found
     root, best, partial = fresh.models[frozenset()], fresh.known(found.best), None
-    held = held_out_data(Declared(fresh, root, found.spikes), problem.predicted)
+    held = held_out_data(Declared(fresh, root, told.spikes), problem.predicted)
     if found.partial is not None:
         fresh, partial = replicating(fresh, root, held)
-    return replace(found, ledger=fresh, root=root, best=best if partial is None else partial.fitted, held=held, partial=partial)
+    return replace(told, ledger=fresh, root=root, best=best if partial is None else partial.fitted, held=held, partial=partial)
 
 
 def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:

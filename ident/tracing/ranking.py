@@ -44,7 +44,10 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     compared = {frozenset(best.names): (best, out)}
     ledger, alike = near_aliases(ledger, best, settings.near)
     wide = held.choosing and doubted(out)
-    for fitted in [*_near(ledger, best, settings.wide if wide else settings.near, 6 if wide else 3), *alike]:
+    for fitted in [
+        *_near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR),
+        *alike,
+    ]:
         ledger, other = refined(ledger, fitted)
         compared[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
     # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
@@ -133,7 +136,10 @@ def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[F
 
 
 def _cost(out: HeldOut, held: HeldOutData) -> float:
-    return 2.0 * out.informed.cost if held.choosing and out.informed is not None else 0.0
+    """Twice the cost on data that take part in choosing; infinite where a set cannot be fitted there."""
+    if not held.choosing:
+        return 0.0
+    return 2.0 * out.informed.cost if out.informed is not None else float("inf")
 
 
 def _one_sensor(best: FittedModel, gone: Key, come: Key) -> bool:

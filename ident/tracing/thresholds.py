@@ -1,4 +1,4 @@
-"""Every number on which a decision of the loop depends, by the question that it answers, each with its reason.
+"""The numbers on which decisions of the loop depend, by the question that each answers, with its reason.
 
 A reason is a theorem, a simulated null, or "chosen", and against what. The null of the whole loop is flown by
 ``tests/statistics/test_tracing_performance.py``, that of cross-validation by ``tests/statistics/test_partial_null.py``. What a user may
@@ -7,11 +7,11 @@ set is in ``settings``.
 
 from __future__ import annotations
 
-# Is a residual noise? P-values of Ljung-Box's test, whose distribution under noise is computed, not approximated.
+# Is a residual noise? P-values of Ljung-Box's test, whose distribution under noise is fitted to simulated noise (``ident/statistics/residuals.py``).
 COLOURED = 1e-3  # chosen: asked of a dozen sets a search, so that clean data rarely cost a further round
 GROSSLY_COLOURED = 1e-20  # chosen: a rough fit carried to its end does not mend that
 PROCESS_NOISE_OFFERED = 1e-2  # chosen: a gust fit is dear; clean innovations ask for it once in a hundred records
-FEWEST_SAMPLES = 20  # chosen: with fewer there are hardly more samples than lags
+FEWEST_SAMPLES = 20  # chosen: with fewer the test has four lags at most, and little power
 LOW_FREQUENCY = 4.0  # Hz. chosen: short periods and first elastic modes of piloted aircraft lie below
 
 # Which samples are wrong? In robust sigmas.
@@ -25,22 +25,25 @@ NEAR_EVENT = 0.15  # s. chosen: a few samples around the edge of a fitted event,
 COLLINEAR = 0.9  # chosen: signatures that share four fifths of their power explain each other
 DISTINCT = 0.95  # chosen: places of one effect whose signatures are more alike are one start
 HOPELESS_IN_SEARCH = 0.2  # of the best gain so far. chosen: a projected gain errs by less than a factor of five
-HOPELESS_IN_REPLICATION = 0.1  # of the best projected gain. chosen: every candidate is fitted to many subsets there, the search is wider
+HOPELESS_IN_REPLICATION = 0.1  # of the best projected gain. chosen: a lower bar than in the search, since colour makes a projected gain err by more
 RIVAL = 0.5  # of the best gain. chosen: what brings less than half will not be the best of its size
 CHEAP = 2  # parameters. chosen: such a candidate is fitted even if its projected gain is small, it costs little
 LOOKS_ALIKE = 0.5  # projected gain of a near-alias over what the effect itself brought. chosen, as RIVAL
 LITTLE = 0.05  # of the best candidate's gain. chosen: below it a candidate's held-out change is not worth a fit
 CANDIDATES_FITTED, GUARDS_FITTED = 6, 3  # chosen, for time: full fits to many subsets of the records are the dearest part
 PAIRS_FITTED = 3  # chosen, for time
-ROUNDING = 0.01  # of ln(error). chosen: a pair's projection is not known better
+PAIR_MARGIN = 0.01  # of ln(error). chosen: a pair's projection is not known better
 EVENT_SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s. chosen: half a period of a short-period motion either way, in steps that the fit closes
+RIVALS_NEAR, RIVALS_WIDE = 3, 6  # sets weighed again within ``near`` and ``wide``. chosen, for time
+HALF_ITS_PRICE = 0.5  # chosen: a projected gain below half of what an addition costs is not worth a fit
+BETTER_PLACE = 0.5  # of the cost. chosen: a fit that gains less has found the same optimum
 DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's gain is no stand-in for that cause
 
 # What does a gain count?
 SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not depend on as many samples as a spike and its neighbours are
 
 # Which of two sets is kept? Differences of twice the log likelihood.
-GUARD_TIE = 12.0  # chosen: a guard has to win by more than the largest gain of a null search (``TraceSettings.accept``) and two more
+GUARD_TIE = 12.0  # chosen: a guard has to win by more than an addition has to bring (``TraceSettings.accept``), and two more
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative
 ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
@@ -59,12 +62,14 @@ WHOLE_REFIT_UP_TO = 3  # records. chosen: with more, one Gauss-Newton step from 
 
 # Do records agree?
 AGREE = 3.0  # theorem: corrected sigmas, one in 370 by chance
+LEAST_SIGMA = 0.05  # of a value. chosen: no record's value weighs as if it were known better, since small causes differ between records
 ALIKE = 0.4  # of the mean. chosen: two values that close are one value to anyone who uses them
 KNOWN = 0.5  # chosen: a record whose sigma is half the value does not tell it
-OFF_ABSENCE = 2.0  # theorem: two sigmas, for each of several records
+OFF_ABSENCE = 2.0  # theorem: two sigmas, one in twenty by chance in a record
 CLEARLY_OFF_ABSENCE = 4.0  # theorem: one in 16,000 by chance, since the best of many candidates is asked
-FEWEST_RECORDS = 3  # theorem: two records have one degree of freedom, and no scatter worth printing
-# Simulation: with six degrees of freedom from the other derivatives, two sigmas hold 93 to 98 of 100 with two to five records.
+FEWEST_RECORDS = 3  # chosen: two have one degree of freedom, which is no scatter to print and no ground to ask for replication first
+# Simulation (``tests/unit/ident/tracing``, scatter between records): with six degrees of freedom from the other derivatives, two sigmas
+# hold 93 to 98 of 100 with two to five records.
 BORROWED = 6.0
 
 # What does a residual go with?

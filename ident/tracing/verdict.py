@@ -107,7 +107,8 @@ def _improved(root: FittedModel, choice: Choice, held: HeldOutData) -> bool:
     """Whether held-out data speak for the effects; True where there are none, not where they cannot be simulated.
 
     For deterministic effects the cost of a free simulation, over all channels, has to fall. With process noise a free simulation cannot
-    improve: then one-step predictions have to, by their likelihood.
+    improve: then one-step predictions have to, by their likelihood. What belongs to one record is looked for anew in each, so that the cost
+    of an event that is not there falls by what its parameters take from noise: this asks only that it does not rise.
     """
     best, before, after = choice.best, held.declared, choice.out
     if before.frozen is None or after.frozen is None:

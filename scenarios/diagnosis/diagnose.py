@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -134,7 +134,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     posed = _posed(opened, request.plan)
     own, of_effects = _own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
-    witness = _witness(opened, request.plan)
+    witness = _witness(opened, posed, request.plan)
     run = trace or _loop()
     guards = guards_for(posed.model.equations)
     diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
@@ -203,12 +203,20 @@ def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:
     return ready
 
 
-def _witness(opened: _Opened, plan: Plan) -> KinematicWitness:
-    """The check of the kinematics on the files that were read; those to be predicted take part where no segments are cut."""
+def _witness(opened: _Opened, posed: _Posed, plan: Plan) -> KinematicWitness:
+    """The check of the kinematics as a witness: on all that was read where one record is fitted, else on the fitted records alone.
+
+    Its word counts where causes are ranked, and what is held out takes no part in that.
+    """
     if opened.vehicle.model not in KINEMATIC:
         return KinematicWitness(None)
-    files = [*opened.records, *(opened.validation if plan.segments == WHOLE else ())]
-    return KinematicWitness(lambda: kinematics_of_files(files, opened.vehicle, opened.choices, plan))
+    parts = [(file, segment) for file in opened.records for segment in plan.segments]
+    if len(posed.records) == 1:
+        parts += [(file, segment) for file in opened.validation for segment in WHOLE] if plan.segments == WHOLE else []
+    elif not opened.validation:
+        (last, segment) = parts.pop()
+        parts += [(last, replace(segment, stop=posed.held_out_from))] if posed.held_out_from is not None else []
+    return KinematicWitness(lambda: kinematics_of_files(parts, opened.vehicle, opened.choices, plan))
 
 
 def _own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from scenarios.files.channels import ColumnChoice
     from scenarios.files.measured.record_file import RecordFile
     from scenarios.files.vehicles import VehicleFile
-    from scenarios.preparation.plan import Plan
+    from scenarios.preparation.plan import Plan, Segment
 
 NEEDED = ("alpha", "q", "nz")
 ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
@@ -47,19 +47,19 @@ class Agreement:
 
 
 def kinematics_of_files(
-    files: Sequence[RecordFile], vehicle: VehicleFile, choices: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None
+    parts: Sequence[tuple[RecordFile, Segment]], vehicle: VehicleFile, choices: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None
 ) -> Kinematics:
-    """What ``flightid check`` says of the first files that measure alpha, q and nz, up to about ``ENOUGH`` samples; never raised, but told.
+    """What ``flightid check`` says of the first parts of files that measure alpha, q and nz, up to about ``ENOUGH`` samples; never raised, but told.
 
     Every channel that the kinematics know is used as it is recorded: theta, ax, airspeed or dynamic pressure too. ``choices``: a channel
-    map. ``plan``: segments of all files, and how they are prepared; None: whole.
+    map. ``plan``: how they are prepared; its segments are not asked.
     """
     from scenarios.compatibility.check import record_to_check, settings_of
     from scenarios.preparation.plan import Plan
 
     plan = plan or Plan()
     try:
-        records = (record_to_check(file, segment, plan, choices, vehicle)[0] for file in files for segment in plan.segments)
+        records = (record_to_check(file, segment, plan, choices, vehicle)[0] for file, segment in parts)
         return kinematics_of(records, settings_of(vehicle))
     except FlightidError as error:
         return Kinematics((), None, _could_not(error))

@@ -126,7 +126,7 @@ def _alike(found: Sequence[Quantity], absent: float | None) -> bool:
     """Whether values from several records are one value, and, where there is an absence, stand off it in most of the records."""
     values, std = np.array([q.value for q in found]), np.array([q.std for q in found])
     zero = 0.0 if absent is None else absent
-    weight = 1.0 / np.maximum(std, 0.05 * np.abs(values - zero) + 1e-300) ** 2
+    weight = 1.0 / np.maximum(std, thresholds.LEAST_SIGMA * np.abs(values - zero) + 1e-300) ** 2
     mean = float(values @ weight / weight.sum())
     agree = np.abs(values - mean) <= np.maximum(thresholds.AGREE * std, thresholds.ALIKE * abs(mean - zero))
     if absent is None:

@@ -26,7 +26,7 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
         for one, other in combinations(usable, 2)
         if other.effect.name not in one.effect.traits.twins
         and collinear(one, other) < thresholds.COLLINEAR
-        and (fall := joint_fall(one, other, samples)) > least + thresholds.ROUNDING
+        and (fall := joint_fall(one, other, samples)) > least + thresholds.PAIR_MARGIN
     ]
     return [(one, other) for _, one, other in sorted(falls, key=lambda item: -item[0])[: thresholds.PAIRS_FITTED]]
 

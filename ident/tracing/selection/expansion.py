@@ -94,7 +94,7 @@ def _fit_promising(ledger: Ledger, fitted: FittedModel, findings: Sequence[Findi
     for place, finding in enumerate(findings):
         price = settings.accept + finding.parameters * float(np.log(fitted.fit.counts.sum()))
         # A projected gain errs where an effect is not linear; one that is far below what another really brought is hopeless.
-        worth = 2.0 * finding.gain > 0.5 * price and (len(children) < 2 or finding.gain > thresholds.HOPELESS_IN_SEARCH * most)
+        worth = 2.0 * finding.gain > thresholds.HALF_ITS_PRICE * price and (len(children) < 2 or finding.gain > thresholds.HOPELESS_IN_SEARCH * most)
         if explained is not None:
             # Nothing is missing any more: only what might explain it as well is still of interest.
             worth = worth and (finding.gain > thresholds.RIVAL * most or collinear(finding, explained) > thresholds.COLLINEAR)
@@ -162,7 +162,7 @@ def _placed_better(ledger: Ledger, child: FittedModel, effect: Traceable) -> tup
         return ledger, child
     for shift in thresholds.EVENT_SHIFTS:
         ledger, moved = fit(ledger, child.effects, child, {name: at + shift}, rough=True)
-        if moved is not None and moved.fit.cost < child.fit.cost - 0.5:
+        if moved is not None and moved.fit.cost < child.fit.cost - thresholds.BETTER_PLACE:
             child = moved
     return ledger, child
 
@@ -172,7 +172,7 @@ def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tupl
     if not fitted.effects or has_process_noise(fitted.system):
         return ledger, fitted
     ledger, again = fit(ledger, fitted.effects, child, rough=True)
-    if again is None or again.fit.cost >= fitted.fit.cost - 0.5:
+    if again is None or again.fit.cost >= fitted.fit.cost - thresholds.BETTER_PLACE:
         return ledger, fitted
     return ledger.kept(again, ledger.score(fitted) - 2.0 * (fitted.fit.cost - again.fit.cost)), again
 

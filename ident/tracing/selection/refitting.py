@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.ledger import Key, Ledger, fit
 
@@ -16,10 +18,11 @@ DECLARED: Key = frozenset()
 def refitted(ledger: Ledger, masks: Sequence[np.ndarray], best: FittedModel) -> Ledger | None:
     """A ledger of the same sets on other masks, filled from the declared model up; None where that or ``best`` has no finite cost there.
 
-    The declared model and ``best`` are fitted to the end, the others roughly, each from its own values. Steps and evidence are kept: they
-    tell how the search went. A set's score follows from the best of its parents that is one effect smaller.
+    The declared model and ``best`` are fitted to the end, the others roughly, each from its own values; that spends nothing of what the
+    search may. A set's score follows from the best of its parents that is one effect smaller. Steps are kept, with one that says so, and
+    the evidence of the search, with gains as they are now; what cross-validation said of the other samples is not.
     """
-    fresh = Ledger(ledger.problem.with_masks(masks), steps=ledger.steps, evidence=ledger.evidence, spent=ledger.spent)
+    fresh = Ledger(ledger.problem.with_masks(masks), steps=ledger.steps)
     exactly = {DECLARED, frozenset(best.names)}
     known = {**ledger.models, frozenset(best.names): best}
     for key in sorted(known, key=lambda key: (len(key), sorted(key))):
@@ -29,7 +32,24 @@ def refitted(ledger: Ledger, masks: Sequence[np.ndarray], best: FittedModel) -> 
                 return None
             continue
         fresh = fresh.replaced(again, _score(fresh, key, again))
-    return fresh
+    declared = fresh.models[DECLARED]
+    step = Step(
+        (), declared.criterion, declared.fit.log_likelihood, "other samples are set aside from here on: all sets are fitted anew without them"
+    )
+    evidence = [_gained_now(candidate, fresh.models) for candidate in ledger.evidence if not candidate.remark]
+    return replace(fresh.told(step, evidence=evidence), spent=ledger.spent)
+
+
+def _gained_now(candidate: Candidate, models: Mapping[Key, FittedModel]) -> Candidate:
+    """Evidence with the gain on the new samples, where both of its sets were fitted to them."""
+    from scipy.special import chdtrc
+
+    within = frozenset(candidate.within)
+    base, fitted = models.get(within), models.get(within | {candidate.name})
+    if base is None or fitted is None or not candidate.fitted:
+        return candidate
+    gained = base.fit.cost - fitted.fit.cost
+    return replace(candidate, gain=gained, p_value=float(chdtrc(fitted.added - base.added, max(2.0 * gained, 0.0))))
 
 
 def _score(ledger: Ledger, key: Key, fitted: FittedModel) -> float:

@@ -60,10 +60,11 @@ def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[st
     return masks
 
 
-def mended_inputs(record: Record, spoilt: Sequence[str]) -> Record:
+def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]) -> Record:
     """A held-out record with spikes of those inputs mended that were claimed to have some."""
+    names, claimed = _claimable(problem), {claim.name for claim in claims}
     for channel in record.inputs:
-        if channel.name in spoilt:
+        if names.get(channel.name) in claimed:
             record = _mended(record, channel.name, input_spikes(channel.values))
     return record
 

@@ -66,7 +66,7 @@ def test_data_that_choose_may_ask_for_the_freer_form(bent: tuple[Ledger, FittedM
     after, choice = choose_among_near(ledger, best, held)
     assert fine(choice.best) and not doubted(choice.out) and choice.best.names == best.names
     assert after.known(choice.best) is choice.best and after.score(choice.best) == ledger.score(best)
-    assert after.steps[-1].sentence == "freer forms, for what the held-out data show of them"
+    assert after.steps[-1].sentence == "freer forms, for what the records that were not fitted show of them"
     assert choice.out.informed is not None and set(choice.totals) == {frozenset(best.names)}
 
 

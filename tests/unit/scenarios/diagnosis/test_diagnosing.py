@@ -57,8 +57,10 @@ def checked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What the check of the kinematics was asked; it is not run here."""
     asked: list[tuple[Any, ...]] = []
 
-    def check(files: Sequence[RecordFile], declared: VehicleFile, choices: Mapping[str, ColumnChoice] | None, plan: Plan | None) -> Kinematics:
-        asked.append((tuple(file.path.name for file in files), declared.constants["airspeed"], choices, plan))
+    def check(
+        parts: Sequence[tuple[RecordFile, Segment]], declared: VehicleFile, choices: Mapping[str, ColumnChoice] | None, plan: Plan | None
+    ) -> Kinematics:
+        asked.append((tuple((file.path.name, segment) for file, segment in parts), declared.constants["airspeed"], choices, plan))
         return Kinematics((), None, "not run")
 
     monkeypatch.setattr("scenarios.diagnosis.diagnose.kinematics_of_files", check)
@@ -98,12 +100,28 @@ def test_loop_gets_biased_model_candidates_and_both_records(files: tuple[Path, P
     assert tracing.explanations["input-delay"]
 
 
-def test_kinematics_are_asked_of_all_records_where_a_verdict_needs_evidence(files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]]) -> None:
+def test_kinematics_are_asked_of_all_that_may_choose_where_a_verdict_needs_evidence(
+    files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]]
+) -> None:
     train, validate, vehicle = files
     assert diagnosed([train], "rigid", vehicle, [validate], trace=Loop(Verdict.CONSISTENT)).kinematics is None and not checked
     told = diagnosed([train], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
     assert told.kinematics is not None and told.kinematics.why == "not run"
-    assert checked == [(("train.csv", "validate.csv"), RIGID.constants["airspeed"], None, Plan())]
+    assert checked == [((("train.csv", Segment()), ("validate.csv", Segment())), RIGID.constants["airspeed"], None, Plan())]
+
+
+def test_kinematics_do_not_see_what_is_held_out(files: tuple[Path, Path, Path], checked: list[tuple[Any, ...]], tmp_path: Path) -> None:
+    """Their word counts in the ranking, and two records or more are fitted here."""
+    train, validate, vehicle = files
+    third = tmp_path / "third.csv"
+    third.write_bytes(train.read_bytes())
+    diagnosed([train, third], "rigid", vehicle, [validate], trace=Loop(Verdict.PARTIAL))
+    assert checked.pop()[0] == (("train.csv", Segment()), ("third.csv", Segment()))
+    diagnosed([train, third, validate], "rigid", vehicle, trace=Loop(Verdict.PARTIAL))
+    assert checked.pop()[0] == (("train.csv", Segment()), ("third.csv", Segment()))
+    plan = Plan((Segment(0.1, 1.4), Segment(1.5, 2.6), Segment(2.7, 3.9)))
+    told = diagnosed([train], "rigid", vehicle, plan=plan, trace=Loop(Verdict.PARTIAL))
+    assert told.held_out_from is None and checked.pop()[0] == (("train.csv", plan.segments[0]), ("train.csv", plan.segments[1]))
 
 
 def test_window_cuts_the_fitted_records_only(files: tuple[Path, Path, Path]) -> None:

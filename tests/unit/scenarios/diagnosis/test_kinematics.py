@@ -33,6 +33,7 @@ from scenarios.diagnosis.report.wording import Wording
 from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record
+from scenarios.preparation.plan import Segment
 from scenarios.preparation.request import Request
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of
@@ -142,12 +143,14 @@ def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: P
     for number in (1, 2):
         write_record(tmp_path, record((*FOUR, "ax"), Sensors(delay={"theta": 0.06}), seed=number).window(0.0, 12.0), f"flight{number}")
     paths = [tmp_path / "flight1.csv", tmp_path / "flight2.csv"]
-    kinematics = kinematics_of_files(read_record_files(paths), read_any_vehicle(tmp_path / "vehicle.toml"))
+    kinematics = kinematics_of_files([(file, Segment()) for file in read_record_files(paths)], read_any_vehicle(tmp_path / "vehicle.toml"))
     told = check_files(Request(tuple(paths))).result
     assert kinematics.result is not None and kinematics.records == ("flight1.csv", "flight2.csv")
     assert kinematics.result.joint.estimates == told.joint.estimates and "sensor-delay:theta" in [each.name for each in told.findings if each.stands]
     (tmp_path / "strange.csv").write_text("time,fuel\n0,1\n1,2\n")
-    strange = kinematics_of_files(read_record_files([tmp_path / "strange.csv"]), read_any_vehicle(tmp_path / "vehicle.toml"))
+    strange = kinematics_of_files(
+        [(file, Segment()) for file in read_record_files([tmp_path / "strange.csv"])], read_any_vehicle(tmp_path / "vehicle.toml")
+    )
     assert strange.result is None and "strange.csv" in strange.why
 
 

@@ -78,7 +78,8 @@ def test_the_value_is_that_of_the_common_fit_with_a_sigma_that_the_records_bear_
 
 def test_sigmas_do_not_fall_below_the_scatter_between_three_records_and_two_do_not_tell() -> None:
     quantity = Quantity(1.0, 0.01, "s")
-    assert told._scattered(quantity, [0.9, 1.0, 1.1]) == Quantity(1.0, pytest.approx(0.1 / np.sqrt(3.0)), "s")
+    scattered = told._scattered(quantity, [0.9, 1.0, 1.1])
+    assert (scattered.value, scattered.unit) == (1.0, "s") and scattered.std == pytest.approx(0.1 / np.sqrt(3.0))
     assert told._scattered(quantity, [0.999, 1.0, 1.001]) == quantity
     assert told._scattered(quantity, [0.5, 1.5]) == quantity
 
@@ -106,11 +107,11 @@ def test_all_that_was_weighed_is_evidence_with_its_reason(found: tuple[Ledger, P
     for name, candidate in weighed.items():
         assert candidate.fitted and candidate.held_out_change is not None and 0.0 <= candidate.p_value <= 1.0 and candidate.round == 1
         if name in members:
-            assert candidate.remark in ("stands", "the records give different values")
+            assert candidate.remark in ("cross-validated", "the records give different values")
             assert candidate.held_out_change < -thresholds.WORTH / 2.0
         else:
-            assert candidate.remark not in ("", "stands")
-    assert weighed[LATE.name].remark == "stands"
+            assert candidate.remark not in ("", "cross-validated")
+    assert weighed[LATE.name].remark == "cross-validated"
 
 
 def test_a_second_effect_is_told_beside_the_first() -> None:
@@ -121,14 +122,17 @@ def test_a_second_effect_is_told_beside_the_first() -> None:
     assert partial is not None and {claim.name for claim in partial.claims} == {LATE.name, SCALE.name} == set(partial.fitted.names)
     first, second = partial.claims
     assert second.evidence is not None and second.evidence.already_in_model == (first.name,)
-    assert ledger.steps[-1].sentence.startswith(f"{second.name} beside {first.name} replicates") and " beside " not in ledger.steps[-2].sentence
+    assert (
+        ledger.steps[-1].sentence.startswith(f"{second.name}, with {first.name} already in the model, replicates")
+        and "already" not in ledger.steps[-2].sentence
+    )
 
 
 def test_where_nothing_stands_only_the_evidence_is_told() -> None:
     ledger, root, held = begun([coloured(planted([], None, seed), seed) for seed in (4, 5, 6)], [coloured(planted([], None, 9), 9)])
     after, partial = cross_validated(ledger, root, held)
     assert partial is None and after.steps == ledger.steps and after.models == ledger.models
-    assert all(candidate.remark not in ("", "stands") for candidate in after.evidence[len(ledger.evidence) :])
+    assert all(candidate.remark not in ("", "cross-validated") for candidate in after.evidence[len(ledger.evidence) :])
 
 
 def test_what_cannot_be_asked_is_not_said(late: Flight) -> None:

@@ -90,4 +90,7 @@ def test_other_masks_leave_no_stale_candidate() -> None:
     assert declared.fit.cost == pytest.approx(fit_of(alone).fit.cost, abs=0.05)
     assert one.fit.cost == pytest.approx(fit_of(alone, best.effects, fit_of(alone)).fit.cost, abs=0.05)
     # Nothing counts as extended yet.
-    assert fresh.expanded == frozenset() and fresh.steps == ledger.steps
+    assert fresh.expanded == frozenset() and fresh.steps[:-1] == ledger.steps and "fitted anew" in fresh.steps[-1].sentence
+    # Gains are those on the new samples, and refitting spends nothing of the search's means.
+    told = next(candidate for candidate in fresh.evidence if candidate.name == "sensor-lag:q")
+    assert told.gain == pytest.approx(declared.fit.cost - one.fit.cost) and fresh.spent == ledger.spent
