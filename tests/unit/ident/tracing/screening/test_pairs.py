@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.tracing import thresholds
 from ident.tracing.screening.pairs import joint_fall, likely_pairs
 from ident.tracing.screening.score_test import Finding
 from sim.declaration.proposal import Traceable
@@ -35,3 +36,20 @@ def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
     assert likely_pairs([one, other], [], 300.0) == [(one, other)]
     assert likely_pairs([one, other], [LATE.name, SCALED.name], 300.0) == []
     assert likely_pairs([one, finding(next(iter(GUARDS)), columns[:, 1])], [], 300.0) == []
+
+
+def test_signatures_that_are_nearly_one_make_no_pair() -> None:
+    """However much they promise together: their difference, not they, would do the work."""
+    rng = np.random.default_rng(4)
+    first, apart = rng.standard_normal((2, 300))
+    residual = 0.2 * rng.standard_normal(300) + 0.5 * first + apart
+    for share, expected in ((0.3, 0), (0.6, 1)):
+        column = first + share * apart
+        assert (abs(float(np.corrcoef(first, column)[0, 1])) > thresholds.COLLINEAR) is (expected == 0)
+        findings = [
+            Finding(effect, -150.0 * np.log1p(-((along @ along) / (residual @ residual))), 1, ({},), (1.0,), along)
+            for effect, each in ((LATE, first), (SCALED, column))
+            if (along := each * (each @ residual) / (each @ each)) is not None
+        ]
+        assert joint_fall(*findings, 300.0) > max(finding.gain for finding in findings) / 300.0 + 0.3
+        assert len(likely_pairs(findings, [], 300.0)) == expected
