@@ -14,6 +14,7 @@ import pytest
 from ident.statistics.shares import clopper_pearson
 from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication.partial import cross_validated
+from ident.tracing.selection.criterion import is_white
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Traceable
@@ -25,8 +26,8 @@ from tests.bases import Flight, rigid_model
 from tests.rigid_problem import FREE, noisy
 from tests.tracing_problem import problem_of, with_output
 
-FLIGHTS = 60
-RECORDS = 4  # of each, the last of which is not fitted
+FLIGHTS = 80
+RECORDS = 5  # of each, the last of which is not fitted
 NOISE = {"alpha": 0.002, "q": 0.002, "nz": 0.01}  # of the white part
 
 
@@ -83,18 +84,23 @@ def record(rng: np.random.Generator, terms: Mapping[str, float]) -> Record:
     return replace(flown, inputs=(Channel.of("elevator", "rad", recorded),))
 
 
-def claimed_on(seed: int) -> tuple[str, ...]:
-    """Names that are said to stand on one flight."""
+def claimed_on(seed: int) -> tuple[str, ...] | None:
+    """Names that are said to stand on one flight; None where the declared model leaves noise, so that there is nothing to ask."""
     rng = np.random.default_rng((seed, 4))
     terms = {f"own:cubic.{name}": size * rng.standard_normal() for name, size in (("squared", 800.0), ("mixed", 8.0), ("steep", 1.2e4))}
     records = [record(rng, terms) for _ in range(RECORDS)]
     begun = fit_declared(replace(problem_of(records[:-1], library()), predicted=records[-1:]))
+    if is_white(begun.root):
+        return None
     _, partial = cross_validated(begun.ledger, begun.root, held_out_data(begun, records[-1:]))
     return () if partial is None else tuple(claim.name for claim in partial.claims)
 
 
 @pytest.mark.slow
 def test_hardly_anything_stands_where_nothing_of_the_library_is_hidden() -> None:
-    claims = [names for seed in range(FLIGHTS) if (names := claimed_on(seed))]
-    assert len(claims) <= 0.05 * FLIGHTS, claims
-    assert clopper_pearson(len(claims), FLIGHTS)[0] < 0.05
+    """None of 80 flights when this was written (0 to 4.5 %); with three fitted records instead of four it was 6 of 120 (1.9 to 10.6 %)."""
+    asked = [names for seed in range(FLIGHTS) if (names := claimed_on(seed)) is not None]
+    assert len(asked) > 0.95 * FLIGHTS, "residuals are not coloured: no null of this"
+    claims = [names for names in asked if names]
+    assert len(claims) <= 0.05 * len(asked), claims
+    assert clopper_pearson(len(claims), len(asked))[1] < 0.1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
@@ -15,11 +16,13 @@ from ident.tracing.ranking import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
 from sim.vehicles.short_period import ShortPeriod
 from tests.tracing_problem import fit_of, planted, problem_of
+from tests.turbulence import rough_record
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 FINE = ResidualTest("ljung-box", "q, fitted", 20.0, 0.5, "white")
@@ -114,3 +117,19 @@ def test_a_held_out_fit_that_failed_is_not_traced(problem: TraceProblem, root: F
 def test_data_are_called_held_out_only_where_they_took_no_part() -> None:
     assert HeldOutData(choosing=True).label == "not fitted"
     assert HeldOutData(choosing=False).label == "held out"
+
+
+def test_process_noise_is_judged_by_one_step_predictions(problem: TraceProblem) -> None:
+    """Turbulence improves no free simulation: it has to predict held-out data a step ahead, and what flies in still air it does not."""
+    rough = problem_of([rough_record(np.random.default_rng(1))])
+    root, gust = fit_of(rough), GustTurbulence()
+    best = fit_of(rough, [gust], root)
+    still = fit_of(problem_of([planted(seed=3)]))
+    for record, expected in ((rough_record(np.random.default_rng(2)), Verdict.TRACED), (planted(seed=4), Verdict.UNEXPLAINED)):
+        # The declared model as it is known where the air was as it is here.
+        base = root if expected is Verdict.TRACED else still
+        data = held([record], base)
+        out = held_out(best, data.records, None, informed=False)
+        verdict, cautions = verdict_on(rough, base, Choice(best, out), [], ResidualTests((FINE,)), data)
+        assert verdict is expected
+        assert [c.concern for c in cautions] == ([] if verdict is Verdict.TRACED else [Concern.NO_IMPROVEMENT])

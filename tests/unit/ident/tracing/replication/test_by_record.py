@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from ident.tracing.replication.by_record import Flight, replicate
+from ident.tracing.diagnosis import Quantity
+from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, own_quantities, replicate
 from ident.whole_record.layout import FitSettings
+from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from tests.tracing_problem import all_records, planted
 
@@ -30,3 +34,43 @@ def test_settings_for_replication_are_those_of_a_search() -> None:
     fitted = flight.fit((), [0], None)
     assert fitted is not None and fitted.fit.layout.settings.max_step == FitSettings(max_step=0.04).max_step
     assert not any(isinstance(effect, GustDiscrete) for effect in fitted.effects)
+
+
+def told(*pairs: tuple[float, float]) -> list[Quantity]:
+    """Values with their sigmas."""
+    return [Quantity(value, std, "s") for value, std in pairs]
+
+
+def test_values_from_several_records_are_weighed_by_what_each_knows() -> None:
+    """One record that knows it and many that hardly do are one value where each of these bears the known one."""
+    assert _alike(told((1.0, 0.01), *[(2.45, 0.5)] * 8), 0.0)
+    assert not _alike(told((1.0, 0.01), *[(2.8, 0.5)] * 8), 0.0)
+    # But no record knows it better than a twentieth of it.
+    assert _alike(told((1.0, 1e-9), (1.2, 1e-9), (1.1, 1e-9)), 0.0)
+
+
+def test_an_effect_stands_off_its_absence_in_all_records_but_one() -> None:
+    assert _alike(told((1.0, 0.1), (1.0, 0.2), (1.0, 0.8)), 0.0)
+    assert not _alike(told((1.0, 0.1), (1.0, 0.8), (1.0, 0.8)), 0.0)
+    # From another absence it is the distance that counts, and a clear value on the other side is another cause.
+    assert _alike(told((1.2, 0.02), (1.2, 0.02)), 1.0) and not _alike(told((1.2, 0.15), (1.2, 0.15)), 1.0)
+    assert not _alike(told((0.3, 0.1), (0.3, 0.1), (-0.3, 0.1)), 0.0)
+
+
+def test_of_a_limit_two_records_have_to_know_it() -> None:
+    assert _alike(told((1.0, 0.1), (1.0, 0.3), (1.0, 5.0)), None)
+    assert not _alike(told((1.0, 0.1), (1.0, 0.8), (1.0, 0.8)), None)
+    assert _alike(told((1.0, 0.1)), None) and not _alike(told((1.0, 0.8)), None)
+
+
+def test_the_distance_from_absence_is_walds_per_parameter(late: Flight) -> None:
+    """Of one parameter its sigmas; of four the root of the mean square of what is independent in them."""
+    one = late.fit((LATE,), range(3), None, {"sensor-delay:alpha.delay": 0.07})
+    assert one is not None
+    shown = own_quantities(one, LATE)["delay"]
+    assert distance_from_absence(one, LATE) == pytest.approx(shown.value / shown.std)
+    four = late.fit((MOMENT_NONLINEARITY,), range(3), None)
+    assert four is not None
+    at = [four.fit.layout.names.index(f"moment-nonlinearity.{name}") for name in MOMENT_NONLINEARITY.absent]
+    covariance, away = fit_covariance(four.fit)[0][np.ix_(at, at)], four.fit.theta[at]
+    assert distance_from_absence(four, MOMENT_NONLINEARITY) == pytest.approx(np.sqrt(away @ np.linalg.solve(covariance, away) / 4.0), rel=1e-5)

@@ -29,3 +29,15 @@ def test_missing_samples_and_silence_do_no_harm() -> None:
     valid = rng.random(len(series)) > 0.05
     assert np.isfinite(innovation_level(np.where(valid, series, 1e9), valid))
     assert np.isfinite(innovation_level(np.zeros(100), np.ones(100, dtype=bool)))
+
+
+def test_the_order_is_paid_for() -> None:
+    """White noise asks for none and is its own innovation; one order costs ln(n)/n a sample."""
+    white = autoregression((), 0.3)
+    everywhere = np.ones(len(white), dtype=bool)
+    assert innovation_level(white, everywhere) == pytest.approx(np.log(np.var(white)), abs=1e-12)
+    series = autoregression((0.9,), 0.3)
+    centred = series - series.mean()
+    reflection = (centred[1:] @ centred[:-1]) / (centred @ centred)
+    expected = np.log(np.var(series) * (1.0 - reflection**2)) + np.log(len(series)) / len(series)
+    assert innovation_level(series, everywhere) == pytest.approx(expected, abs=1e-12)

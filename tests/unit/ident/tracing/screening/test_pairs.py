@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.tracing import thresholds
 from ident.tracing.screening.pairs import joint_fall, likely_pairs
 from ident.tracing.screening.score_test import Finding
 from sim.declaration.proposal import Traceable
@@ -16,6 +17,13 @@ LATE = SensorDelay("alpha")
 SCALED = SensorScale("q")
 
 
+def finding(effect: Traceable, column: np.ndarray, residual: np.ndarray) -> Finding:
+    """What one column explains of a residual of 300 samples."""
+    along = column * (column @ residual) / (column @ column)
+    share = (along @ along) / (residual @ residual)
+    return Finding(effect, -150.0 * np.log1p(-share), 1, ({},), (1.0,), along)
+
+
 def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
     """Against the regression of a residual on two columns, and on each alone."""
     rng = np.random.default_rng(2)
@@ -23,15 +31,23 @@ def test_the_projected_fall_of_a_pair_is_that_of_least_squares() -> None:
     columns[:, 1] -= 0.9 * columns[:, 0]
     residual += columns @ [0.4, 0.5]
 
-    def finding(effect: Traceable, column: np.ndarray) -> Finding:
-        along = column * (column @ residual) / (column @ column)
-        share = (along @ along) / (residual @ residual)
-        return Finding(effect, -150.0 * np.log1p(-share), 1, ({},), (1.0,), along)
-
-    one, other = finding(LATE, columns[:, 0]), finding(SCALED, columns[:, 1])
+    one, other = finding(LATE, columns[:, 0], residual), finding(SCALED, columns[:, 1], residual)
     left = np.linalg.lstsq(columns, residual, rcond=None)[1][0]
     assert joint_fall(one, other, 300.0) == pytest.approx(-0.5 * np.log(left / (residual @ residual)))
     assert joint_fall(one, one, 300.0) == pytest.approx(one.gain / 300.0)
     assert likely_pairs([one, other], [], 300.0) == [(one, other)]
     assert likely_pairs([one, other], [LATE.name, SCALED.name], 300.0) == []
-    assert likely_pairs([one, finding(next(iter(GUARDS)), columns[:, 1])], [], 300.0) == []
+    assert likely_pairs([one, finding(next(iter(GUARDS)), columns[:, 1], residual)], [], 300.0) == []
+
+
+def test_signatures_that_are_nearly_one_make_no_pair() -> None:
+    """However much they promise together: their difference, not they, would do the work."""
+    rng = np.random.default_rng(4)
+    first, apart = rng.standard_normal((2, 300))
+    residual = 0.2 * rng.standard_normal(300) + 0.5 * first + apart
+    for share, expected in ((0.3, 0), (0.6, 1)):
+        column = first + share * apart
+        assert (abs(float(np.corrcoef(first, column)[0, 1])) > thresholds.COLLINEAR) is (expected == 0)
+        one, other = (finding(effect, each, residual) for effect, each in ((LATE, first), (SCALED, column)))
+        assert joint_fall(one, other, 300.0) > max(one.gain, other.gain) / 300.0 + 0.3
+        assert len(likely_pairs([one, other], [], 300.0)) == expected

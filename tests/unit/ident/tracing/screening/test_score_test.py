@@ -14,6 +14,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.screening.score_test import _start as start_of
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
@@ -210,3 +211,11 @@ def test_an_event_of_one_record_is_found_where_the_other_lacks_it(which: int) ->
     assert finding.parameters == 8
     assert abs(finding.starts[0]["unmeasured-input.start"] - 4.3) < 0.3
     assert finding.starts[0]["unmeasured-input.moment"] > 0.002
+
+
+def test_a_value_that_is_tried_is_a_start_only_where_its_signature_is_there_as_it_stands() -> None:
+    """A probe without slopes is the difference that its values make: less than none of it is another sign, which it cannot have."""
+    probe = Probe({"delay": 0.05})
+    assert start_of(SensorDelay("q"), probe, np.array([0.8])) == {"sensor-delay:q.delay": 0.05}
+    assert start_of(SensorDelay("q"), probe, np.array([-0.8])) is None
+    assert start_of(SensorDelay("q"), probe, np.array([0.0])) is None
