@@ -14,7 +14,7 @@ from time import process_time
 
 import numpy as np
 
-from ident.statistics.shares import clopper_pearson
+from ident.statistics.shares import clopper_pearson, clustered_share
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.files.writing import write_record
@@ -183,14 +183,19 @@ def summary(marks: Sequence[Mark]) -> dict[str, float]:
     """Shares over many papers: right, wrong claims, derivatives within two standard deviations where right, and the held-out error's median."""
     count, right = len(marks), [mark for mark in marks if mark.right]
     free = [mark for mark in right if not any(OWN in name or "turbulence" in name or "spikes" in name for name in mark.paper.hidden)]
-    errors = [abs(error) for mark in right if not mark.paper.outside for error in mark.errors.values()]
+    told = [np.abs([*mark.errors.values()]) for mark in right if not mark.paper.outside and mark.errors]
+    within, of = np.array([np.sum(errors < 2.0) for errors in told]), np.array([len(errors) for errors in told])
+    # Derivatives of one paper are correlated: the interval counts papers.
+    low, high = clustered_share(within, of, np.random.default_rng(0)) if told else (0.0, 1.0)
     wrong = sum(mark.wrong for mark in marks)
     return {
         "papers": float(count),
         "right": len(right) / count,
         "wrong claims": wrong / count,
         "wrong claims, upper 95 %": clopper_pearson(wrong, count)[1],
-        "derivatives within two sigmas": float(np.mean(np.array(errors) < 2.0)) if errors else 0.0,
+        "derivatives within two sigmas": float(within.sum() / of.sum()) if told else 0.0,
+        "derivatives within two sigmas, lower 95 %": low,
+        "derivatives within two sigmas, upper 95 %": high,
         "held-out error, median": float(np.median([mark.held_out for mark in free])) if free else 0.0,
         "seconds, median": float(np.median([mark.seconds for mark in marks])),
     }
