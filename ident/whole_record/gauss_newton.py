@@ -22,6 +22,7 @@ from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
 _REMEMBERED = 4  # steps whose change of gradient is used
 _LEAST_DAMPING = 1e-4  # where noise levels are unknowns: less is of no use, and would have to be undone after a step too far
+_NOTHING = 1e-3  # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04 sigmas)
 _NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
 
@@ -151,9 +152,9 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less than is enough."""
+    """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less than is enough, or than anyone could tell."""
     resolved = max(settings.tolerance, float(np.max(ROUNDING * np.abs(theta) / model.scale, initial=0.0)))
-    return model.promised < max(settings.enough, 0.5 * resolved**2)
+    return model.promised < max(settings.enough, 0.5 * resolved**2, _NOTHING)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:

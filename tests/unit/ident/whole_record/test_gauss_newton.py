@@ -79,7 +79,7 @@ def one_unknown(step: float) -> LocalModel:
     return LocalModel(np.ones(1), np.ones((1, 1)), np.array([step]), np.array([True]))
 
 
-@pytest.mark.parametrize(("tolerance", "enough", "limit"), [(1e-3, 0.0, 1e-3), (0.1, 0.0, 0.1), (0.1, 0.2, np.sqrt(0.4)), (1.0, 0.2, 1.0)])
+@pytest.mark.parametrize(("tolerance", "enough", "limit"), [(1e-3, 0.0, np.sqrt(0.002)), (0.1, 0.0, 0.1), (0.1, 0.2, np.sqrt(0.4)), (1.0, 0.2, 1.0)])
 def test_it_has_arrived_where_the_undamped_step_is_shorter_than_the_tolerance_or_promises_less_than_is_enough(
     tolerance: float, enough: float, limit: float
 ) -> None:
