@@ -14,7 +14,6 @@ from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
 from ident.tracing.ranking import choose_among_near
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
-from ident.tracing.replication.by_record import choosing_records
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.backward import backward_elimination, refined
@@ -148,7 +147,7 @@ def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
     ledger, first = first_round(declared.ledger, root)
-    several = len(choosing_records(ledger.problem, held).records) >= thresholds.FEWEST_RECORDS
+    several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
     asked, partial = several and defies(root, first), None
     if asked:
         # A search that trusts noise to be white would only add effect upon effect.
