@@ -18,17 +18,7 @@ from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.record import Channel, Record
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output
-
-PULSE = {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.006, "unmeasured-input.lift": 0.0}
-LAG = {"sensor-lag:q.time_constant": 0.05}
-
-
-@pytest.fixture(scope="module")
-def fitted() -> FittedModel:
-    """Two records, a shared effect and one of each record."""
-    effects = (SensorLag("q"), UnmeasuredInput())
-    problem = problem_of([planted(effects, {**LAG, **PULSE}, seed) for seed in (1, 2)])
-    return fit_of(problem, effects, None, {**LAG, **PULSE})
+from tests.unit.ident.tracing.validation.conftest import LAG, PULSE
 
 
 def test_the_training_prior_is_the_schur_complement_of_its_information(fitted: FittedModel) -> None:
