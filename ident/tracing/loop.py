@@ -16,6 +16,7 @@ from ident.tracing.ranking import choose_among_near
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
+from ident.tracing.selection.background import with_background
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
@@ -104,11 +105,13 @@ class Declared:
 class Found:
     """What a search ends with.
 
-    ``partial`` : effects that replicate, None where none does; ``asked`` whether that was asked.
+    ``base`` : the declared model with what any record may have. ``partial`` : effects that replicate, None where none does; ``asked``
+    whether that was asked.
     """
 
     ledger: Ledger
     root: FittedModel
+    base: FittedModel
     best: FittedModel
     held: HeldOutData
     partial: Partial | None
@@ -146,17 +149,18 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
 def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
-    ledger, first = first_round(declared.ledger, root)
+    ledger, base = with_background(declared.ledger.kept(root, root.criterion), root, 1)
+    ledger, first = first_round(ledger, base)
     several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
-    asked, partial = several and defies(root, first), None
+    asked, partial = several and defies(base, first), None
     if asked:
         # A search that trusts noise to be white would only add effect upon effect.
-        ledger, partial = replicating(ledger, root, held)
+        ledger, partial = replicating(ledger, base, held)
     if partial is None:
-        ledger, best = forward_selection(ledger, root, first)
+        ledger, best = forward_selection(ledger, base, first)
         ledger, best = backward_elimination(ledger, best)
         ledger, best = refined(ledger, best)
-    return Found(ledger, root, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)
+    return Found(ledger, root, base, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)
 
 
 def with_final_masks(found: Found) -> Found:
@@ -171,15 +175,16 @@ def with_final_masks(found: Found) -> Found:
         # Without them nothing can be fitted: they stay in every fit, and are not claimed.
         return found
     root, best, partial = fresh.models[frozenset()], fresh.known(found.best), None
+    base = fresh.models.get(frozenset(found.base.names), root)
     held = held_out_data(Declared(fresh, root, told.spikes), problem.predicted)
     if found.partial is not None:
-        fresh, partial = replicating(fresh, root, held)
-    return replace(told, ledger=fresh, root=root, best=best if partial is None else partial.fitted, held=held, partial=partial)
+        fresh, partial = replicating(fresh, base, held)
+    return replace(told, ledger=fresh, root=root, base=base, best=best if partial is None else partial.fitted, held=held, partial=partial)
 
 
-def replicating(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
+def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
-    ledger, partial = cross_validated(ledger, root, held)
+    ledger, partial = cross_validated(ledger, base, held)
     return ledger, None if partial is None or (held.choosing and no_better(held.declared, partial.out)) else partial
 
 
@@ -193,7 +198,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         judgement = replace(judgement, best=found.root, out=found.held.declared)
     judgement = replace(judgement, claims=tuple(hints))
     if not found.asked:
-        ledger, partial = replicating(ledger, found.root, found.held)
+        ledger, partial = replicating(ledger, found.base, found.held)
     if partial is None or no_better(found.held.declared, partial.out):
         # What replicates on the whole and yet predicts the data held out no better is left unsaid.
         return ledger, judgement

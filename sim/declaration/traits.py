@@ -36,6 +36,8 @@ class Traits:
     within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
     recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
+    background : True for motion that any real record may have whatever else is wrong: it is offered before all others, and where it is
+        significant it belongs to the model of every candidate.
     """
 
     sentences: tuple[str, ...] = ()
@@ -51,3 +53,4 @@ class Traits:
     within: tuple[str, ...] = ()
     wrong_samples_of: str = ""
     recorded_as: str = ""
+    background: bool = False

@@ -31,13 +31,13 @@ from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Curve, Traceable
 
 
-def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
+def cross_validate(flight: Flight, candidates: Sequence[Traceable], base: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
     """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was tried.
 
     Parameters
     ----------
     flight : at least two records. candidates : library and guards; events and process noise are left out, since they need not replicate.
-    root : the declared model fitted to the training records, for starting values.
+    base : the declared model, with what any record may have, fitted to the training records; for its effects and starting values.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
     that a third replaces, are looked for as a pair.
@@ -45,10 +45,10 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], root: Fitted
     found: list[CrossValidatedEffect] = []
     compared: list[CrossValidation] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
-    root_model = flight.fit((), range(len(flight.records)), None, root.values.shared)
+    first = flight.fit(base.effects, range(len(flight.records)), None, base.values.shared)
     steps: list[_Step] = []
-    while root_model is not None and len(found) < thresholds.DEEPEST:
-        step = _weigh_all(flight, usable, found[-1].best.fitted if found else root_model)
+    while first is not None and len(found) < thresholds.DEEPEST:
+        step = _weigh_all(flight, usable, found[-1].best.fitted if found else first)
         if step is None:
             break
         steps.append(step)
@@ -91,29 +91,30 @@ def _pair_instead(
     """Two effects, each cross-validated with the other in the model, that together do clearly better than what was found one after the other."""
     names = [item.best.effect.name for item in found]
     pairs = likely_pairs(first.findings, names, float(first.fitted.fit.counts.sum()))
-    children = [child for pair in pairs if (child := _fit_pair(flight, first.fitted, pair)) is not None]
+    children = [child for each in pairs if (child := _fit_pair(flight, first.fitted, each)) is not None]
     best = min(children, key=lambda child: child.fit.cost, default=None)
     reached = -_fitted_change(first.fitted, found[-1].best.fitted) if found else 0.0
     fall = -_fitted_change(first.fitted, best) if best is not None else 0.0
     if best is None or fall <= reached:
         return None, []
     # What a witness speaks for need not be better by as much.
-    vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects)
+    pair = best.effects[len(first.fitted.effects) :]
+    vouched = all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in pair)
     if not vouched and fall < reached + (thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.HALF_OF_IT * thresholds.WORTH):
         return None, []
     validated: list[CrossValidatedEffect] = []
     compared: list[CrossValidation] = []
-    one = best.effects[0]
+    one = pair[0]
     for _ in range(2):
         # The second may be another than the pair's, where that does better; the first has to come out again with it in the model.
-        alone = flight.fit((one,), range(len(flight.records)), best.values)
+        alone = flight.fit((*first.fitted.effects, one), range(len(flight.records)), best.values)
         step = _weigh_all(flight, candidates, alone) if alone is not None else None
         compared += step.results if step is not None else []
         if step is None or step.chosen is None:
             return None, compared
         validated.append(step.chosen)
         one = step.chosen.best.effect
-    if best.effects[0].name not in {item.effect.name for item in (validated[1].best, *validated[1].others)}:
+    if pair[0].name not in {item.effect.name for item in (validated[1].best, *validated[1].others)}:
         return None, compared
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & validated[-1].best.predictions.keys())

@@ -10,7 +10,7 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.quantities import implausible
+from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.replication.by_record import choosing_records, own_quantities
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
@@ -18,6 +18,7 @@ from ident.tracing.replication.cross_validation import cross_validate
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.whole_record.output_error import estimate_of
+from sim.declaration.proposal import Traceable
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +30,17 @@ class Partial:
     out: HeldOut
 
 
-def cross_validated(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
+def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects of the library that replicate and lower the held-out error although what remains is not noise; None where none does."""
     problem = ledger.problem
     flight = choosing_records(problem, held)
-    if held.masks is None or has_process_noise(root.system) or len(flight.records) < 2:
+    if held.masks is None or has_process_noise(base.system) or len(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
-    chosen, compared = cross_validate(flight, problem.candidates, root)
+    chosen, compared = cross_validate(flight, problem.candidates, base)
     if not chosen:
         return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
-    ledger, fitted = fit(ledger, tuple(item.best.effect for item in chosen), root, _starts(chosen))
+    ledger, fitted = fit(ledger, (*base.effects, *(item.best.effect for item in chosen)), base, _starts(chosen))
     if fitted is None:
         return ledger, None
     ledger = ledger.kept(fitted, fitted.criterion)
@@ -48,7 +49,8 @@ def cross_validated(ledger: Ledger, root: FittedModel, held: HeldOutData) -> tup
     )
     members = {id(member) for item in chosen for member in (item.best, *item.others)}
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
-    return ledger, Partial(tuple(_claim(fitted, item) for item in chosen), fitted, predicted_by(fitted, held))
+    claims = (*(_of_background(fitted, effect) for effect in base.effects), *(_claim(fitted, item) for item in chosen))
+    return ledger, Partial(claims, fitted, predicted_by(fitted, held))
 
 
 def _starts(validated: Sequence[CrossValidatedEffect]) -> dict[str, float]:
@@ -72,6 +74,11 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         for name, quantity in own_quantities(fitted, best.effect).items()
     }
     return Claim(best.effect.name, found, alternatives, True, (), best.effect.explanation, evidence)
+
+
+def _of_background(fitted: FittedModel, effect: Traceable) -> Claim:
+    """What any record may have: it belongs to each record by itself, so that there is nothing to replicate."""
+    return Claim(effect.name, quantities(fitted, effect), (), True, records_of(fitted, effect), effect.explanation)
 
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:

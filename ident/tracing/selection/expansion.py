@@ -14,6 +14,7 @@ from ident.tracing.candidate_model.quantities import implausible, quantities, st
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.selection.background import with_background
 from ident.tracing.selection.criterion import gain, is_white
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import NoiseEffect, full_name
@@ -29,11 +30,14 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     key, problem = frozenset(fitted.names), ledger.problem
     if key in ledger.expanded or ledger.exhausted:
         return ledger, []
-    ledger = ledger.marked(key)
+    ledger, fuller = with_background(ledger.marked(key), fitted, number)
+    if fuller is not fitted:
+        ledger, fuller_still = expand(ledger, fuller, number)
+        return ledger, [fuller, *fuller_still]
     findings = [
         finding
         for finding in screen(fitted, problem.candidates, search_context(fitted, problem.predicted))
-        if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect))
+        if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect) or finding.effect.traits.background)
     ]
     problem.progress(f"round {number}: {' + '.join(fitted.names) or 'declared model'}", number / (problem.settings.depth + 1))
     ledger, children, explained = _fit_promising(ledger, fitted, findings)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
+from ident.tracing.selection.background import foreground
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
@@ -20,18 +21,18 @@ from sim.declaration.effect import NoiseEffect
 Beam = list[FittedModel]
 
 
-def first_round(ledger: Ledger, root: FittedModel) -> tuple[Ledger, Beam]:
-    """The best sets of one effect, a beam of them."""
-    ledger, children = expand(ledger.kept(root, root.criterion), root, 1)
+def first_round(ledger: Ledger, base: FittedModel) -> tuple[Ledger, Beam]:
+    """The best sets of one effect beyond those of ``base``, a beam of them."""
+    ledger, children = expand(ledger, base, 1)
     return _freer_forms(ledger, _best(ledger, children))
 
 
-def defies(root: FittedModel, first: Sequence[FittedModel]) -> bool:
+def defies(base: FittedModel, first: Sequence[FittedModel]) -> bool:
     """Whether neither the declared model nor any single effect comes anywhere near noise in any channel of any record."""
-    return all(is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED) for fitted in (root, *first))
+    return all(is_coloured_throughout(fitted, thresholds.GROSSLY_COLOURED) for fitted in (base, *first))
 
 
-def forward_selection(ledger: Ledger, root: FittedModel, first: Sequence[FittedModel]) -> tuple[Ledger, FittedModel]:
+def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedModel]) -> tuple[Ledger, FittedModel]:
     """Add effects round by round to the sets of the first one; the best set found.
 
     The best set is extended first. Where nothing can be added to it and its residual is white the search is over: a
@@ -41,8 +42,8 @@ def forward_selection(ledger: Ledger, root: FittedModel, first: Sequence[FittedM
     beam = list(first)
     moving: Beam = []
     if not any(is_white(fitted) for fitted in beam):
-        ledger, moving = with_process_noise(ledger, root, 1)
-        beam = _best(ledger, [*beam, *_no_stand_in(ledger, root, beam, moving)])
+        ledger, moving = with_process_noise(ledger, base, 1)
+        beam = _best(ledger, [*beam, *_no_stand_in(ledger, base, beam, moving)])
     for number in range(2, ledger.problem.settings.depth + 1):
         ledger, children = _expand_beam(ledger, beam, number)
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
@@ -83,8 +84,8 @@ def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Le
     ledger = replace(ledger, spent=min(ledger.spent, 0.5 * settings.budget))
     ledger = ledger.kept(fitted, ledger.score(root) - gain(root, fitted, settings.accept))
     ledger, best = freer_form(ledger, ledger.known(fitted))
-    while len(best.effects) < settings.depth and not is_white(best):
-        number = len(best.effects) + 1
+    while len(foreground(best)) < settings.depth and not is_white(best):
+        number = len(foreground(best)) + 1
         # Process noise first: one fit tells whether it is all that is missing.
         ledger, children = _white_with_process_noise(ledger, [best], number)
         if not children:
@@ -95,10 +96,10 @@ def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Le
     return ledger, best
 
 
-def _no_stand_in(ledger: Ledger, root: FittedModel, beam: Sequence[FittedModel], moving: Sequence[FittedModel]) -> Beam:
+def _no_stand_in(ledger: Ledger, base: FittedModel, beam: Sequence[FittedModel], moving: Sequence[FittedModel]) -> Beam:
     """Sets with process noise that leave noise, or bring so much more than the best cause that they are no substitute for one."""
-    most = max((ledger.score(root) - ledger.score(fitted) for fitted in beam), default=0.0)
-    return [moved for moved in moving if is_white(moved) or ledger.score(root) - ledger.score(moved) > thresholds.DOMINANT * most]
+    most = max((ledger.score(base) - ledger.score(fitted) for fitted in beam), default=0.0)
+    return [moved for moved in moving if is_white(moved) or ledger.score(base) - ledger.score(moved) > thresholds.DOMINANT * most]
 
 
 def _expand_beam(ledger: Ledger, beam: Sequence[FittedModel], number: int) -> tuple[Ledger, Beam]:

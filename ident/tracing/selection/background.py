@@ -1,0 +1,70 @@
+"""Motion that any real record has, whatever else is missing: where it is significant it belongs to the model of every candidate."""
+
+from __future__ import annotations
+
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names
+from ident.tracing.candidate_model.quantities import implausible, quantities
+from ident.tracing.diagnosis import Candidate, Step
+from ident.tracing.screening.context import search_context
+from ident.tracing.selection.criterion import gain
+from ident.tracing.selection.ledger import Ledger, fit
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Traceable, fitted_to
+
+
+def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, FittedModel]:
+    """A fitted model with the background effects that it lacks and the records show; itself where they show none.
+
+    Offered ahead of round ``number``, before any candidate: a drift, a jump or an unmeasured load imitates slow motion, and what any
+    aircraft does comes before what may be wrong with this one. It has to bring what any addition has to.
+    """
+    for candidate in ledger.problem.candidates:
+        if not candidate.traits.background or candidate.name in fitted.names or has_process_noise(fitted.system) or ledger.exhausted:
+            continue
+        effect = fitted_to(candidate, search_context(fitted, ledger.problem.predicted))
+        ledger, child = _best_start(ledger, fitted, effect)
+        if child is None:
+            continue
+        ledger = ledger.told(evidence=[_evidence(number, fitted, effect, child)])
+        brought = gain(fitted, child, ledger.problem.settings.accept)
+        if brought <= ledger.problem.settings.accept:
+            continue
+        ledger = ledger.kept(child, ledger.score(fitted) - brought)
+        sentence = f"{effect.name}, which any record may have, lowers the criterion by {brought:.1f} and belongs to the model from here on"
+        ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
+        fitted = ledger.known(child)
+    return ledger, fitted
+
+
+def foreground(fitted: FittedModel) -> tuple[Traceable, ...]:
+    """The effects of a set that are no background."""
+    return tuple(effect for effect in fitted.effects if not effect.traits.background)
+
+
+def background(fitted: FittedModel) -> tuple[Traceable, ...]:
+    """The effects of a set that any record may have."""
+    return tuple(effect for effect in fitted.effects if effect.traits.background)
+
+
+def _best_start(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
+    """The effect added to a fitted model, from the middle of its probes, and from the others where that finds nothing."""
+    best: FittedModel | None = None
+    probes = sorted(effect.probes(search_context(fitted)), key=lambda probe: sum(abs(value) for value in probe.values.values()))
+    for probe in probes:
+        start = {full_name(effect, local): value for local, value in probe.values.items()}
+        ledger, child = fit(ledger, (*fitted.effects, effect), fitted, start, rough=True)
+        if child is not None and (best is None or child.fit.cost < best.fit.cost):
+            best = child
+        if best is not None and best.fit.cost < fitted.fit.cost:
+            break
+    return ledger, best
+
+
+def _evidence(number: int, fitted: FittedModel, effect: Traceable, child: FittedModel) -> Candidate:
+    from scipy.special import chdtrc
+
+    found, brought = quantities(child, effect), fitted.fit.cost - child.fit.cost
+    parameters = len(free_names(effect)) * (len(fitted.fit.layout.problems) if belongs_to_record(effect) else 1)
+    p_value = float(chdtrc(parameters, max(2.0 * brought, 0.0)))
+    return Candidate(number, fitted.names, effect.name, float(brought), p_value, True, not implausible(effect, found, slack=0.0), found, None, ())
