@@ -26,6 +26,7 @@ from ident.tracing.validation.held_out import HeldOutData
 from ident.tracing.verdict import Judgement
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
+from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
@@ -149,7 +150,10 @@ def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dic
     plain = _estimate(fitted)
     inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
     units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
-    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modal_estimate(fitted.system, estimate).items()}
+    # The short period is meant, at one speed: what any record may have beside it is slower.
+    slow = {state.name for effect in fitted.background if isinstance(effect, DynamicsEffect) for state in effect.states}
+    modes = modal_estimate(fitted.system, estimate, slow)
+    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modes.items()}
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
     return out

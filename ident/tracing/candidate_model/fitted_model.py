@@ -78,6 +78,16 @@ class FittedModel:
         return tuple(effect.name for effect in self.effects if effect.traits.guard)
 
     @property
+    def background(self) -> tuple[Traceable, ...]:
+        """Those of its effects that any record may have."""
+        return tuple(effect for effect in self.effects if effect.traits.background)
+
+    @property
+    def foreground(self) -> tuple[Traceable, ...]:
+        """Those of its effects that are no background."""
+        return tuple(effect for effect in self.effects if not effect.traits.background)
+
+    @property
     def values(self) -> Values:
         """All unknowns and trajectories by name."""
         fit, layout = self.fit, self.fit.layout

@@ -37,16 +37,6 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
     return ledger, fitted
 
 
-def foreground(fitted: FittedModel) -> tuple[Traceable, ...]:
-    """The effects of a set that are no background."""
-    return tuple(effect for effect in fitted.effects if not effect.traits.background)
-
-
-def background(fitted: FittedModel) -> tuple[Traceable, ...]:
-    """The effects of a set that any record may have."""
-    return tuple(effect for effect in fitted.effects if effect.traits.background)
-
-
 def _best_start(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
     """The effect added to a fitted model, from the middle of its probes, and from the others where that finds nothing."""
     best: FittedModel | None = None

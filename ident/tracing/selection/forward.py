@@ -11,7 +11,6 @@ from dataclasses import replace
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
-from ident.tracing.selection.background import foreground
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
@@ -23,7 +22,8 @@ Beam = list[FittedModel]
 
 def first_round(ledger: Ledger, base: FittedModel) -> tuple[Ledger, Beam]:
     """The best sets of one effect beyond those of ``base``, a beam of them."""
-    ledger, children = expand(ledger, base, 1)
+    known = ledger if frozenset(base.names) in ledger.models else ledger.kept(base, base.criterion)
+    ledger, children = expand(known, base, 1)
     return _freer_forms(ledger, _best(ledger, children))
 
 
@@ -84,8 +84,8 @@ def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Le
     ledger = replace(ledger, spent=min(ledger.spent, 0.5 * settings.budget))
     ledger = ledger.kept(fitted, ledger.score(root) - gain(root, fitted, settings.accept))
     ledger, best = freer_form(ledger, ledger.known(fitted))
-    while len(foreground(best)) < settings.depth and not is_white(best):
-        number = len(foreground(best)) + 1
+    while len(best.foreground) < settings.depth and not is_white(best):
+        number = len(best.foreground) + 1
         # Process noise first: one fit tells whether it is all that is missing.
         ledger, children = _white_with_process_noise(ledger, [best], number)
         if not children:
