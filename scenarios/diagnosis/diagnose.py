@@ -192,7 +192,7 @@ def _posed(opened: _Opened, plan: Plan) -> _Posed:
 def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:
     from scenarios.preparation.reading import prepare
 
-    ready = prepare(opened.records, model, plan, opened.choices, opened.validation)
+    ready = prepare(opened.records, model, plan, opened.choices, opened.validation, attitude=True)
     _same_stick([*ready.fitted, *ready.validation])
     measured = {name for record in ready.fitted for name in record.output_names}
     for record in ready.validation:

@@ -141,18 +141,17 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
     else:  # a dimensional lift is a rate of the angle of attack
         lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
     rows = {SPEED: flow.speed - speed0, DENSITY: density - air, LIFT: lift}
-    inputs = tuple(Channel.of(signal.name, signal.unit, _held(rows[signal.name], record.hold)) for signal in added)
+    inputs = tuple(Channel.of(signal.name, signal.unit, held(rows[signal.name], record.hold)) for signal in added)
     return replace(without_flow(record), inputs=(*record.inputs, *inputs))
 
 
-def _held(values: np.ndarray, hold: Hold) -> np.ndarray:
+def held(values: np.ndarray, hold: Hold) -> np.ndarray:
     """Samples that stand for straight lines between ``values``: where inputs are held, the mean over each interval."""
     return values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
 
 
 def _smooth(record: Record, channel: Channel) -> np.ndarray:
-    known = channel.valid.copy()
-    known[known] = ~_spikes(channel.values[known])
+    known = despiked(channel)
     time, step = record.time, float(np.median(np.diff(record.time)))
     grid = np.linspace(time[0], time[-1], max(2, 1 + round((time[-1] - time[0]) / step)))
     even = np.interp(grid, time[known], channel.values[known])
@@ -169,6 +168,13 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
         remedy = "leave the column out, or cut the record there with --from and --to"
         raise RecordError(f"{channel.name} is not above zero at {at:g} s", where=f"{record.name}, channel {channel.name}", remedy=remedy)
     return np.asarray(values)
+
+
+def despiked(channel: Channel) -> np.ndarray:
+    """The samples of a slow channel that count, ``(N,)``: those that are there and that their neighbours explain."""
+    known = channel.valid.copy()
+    known[known] = ~_spikes(channel.values[known])
+    return known
 
 
 def _line(values: np.ndarray, at: np.ndarray) -> np.ndarray:

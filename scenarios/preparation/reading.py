@@ -13,6 +13,7 @@ import numpy as np
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
+from scenarios.preparation.attitude import ATTITUDE, wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
@@ -61,8 +62,11 @@ def prepare(
     validate: Sequence[RecordFile] = (),
     *,
     flow: bool = True,
+    attitude: bool = False,
 ) -> Prepared:
-    """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``; no measured speed without ``flow``.
+    """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``.
+
+    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use.
 
     Raises
     ------
@@ -70,7 +74,7 @@ def prepare(
     """
     split = len(files) * len(plan.segments)
     parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
-    optional = able(model) if flow else ()
+    optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
     read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
     return for_model(read[:split], model, plan, read[split:])
 
@@ -95,7 +99,10 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     told += [said for record, trims in trimmed for name in record.input_names if name not in trims and (said := trim_sentence(record, name))]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
-    told += ["the airspeed is measured: speed-variation is no candidate"] if wider is not model else []
+    flown = wider is not model
+    wider, ready, said = with_attitude(wider, ready)
+    told += [said] if said else []
+    told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = tuple(flow_doubts(records, model))
     return Prepared(wider, tuple(ready[:split]), tuple(ready[split:]), tuple(records[:split]), (*grouped(told, records), *notes), doubts)
 

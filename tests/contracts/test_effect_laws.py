@@ -56,7 +56,7 @@ FIXED_NAMES = {
     Station.INPUT_PATH: "input-delay actuator-lag actuator-rate-limit actuator-saturation input-deadband input-backlash",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
     "density-scale-height drag-mach drag-jump",
-    Station.DISTURBANCE: "gust-turbulence gust-discrete speed-variation unmeasured-input",
+    Station.DISTURBANCE: "gust-turbulence gust-discrete speed-variation unmeasured-input phugoid",
     Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes",
     Station.NOISE: "",
 }

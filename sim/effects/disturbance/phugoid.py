@@ -97,6 +97,10 @@ class Phugoid:
         """The same with the terms of the drag."""
         return replace(self, fine=True)
 
+    def fitted_to(self, context: SearchContext) -> Phugoid:
+        """The same with the attitude as a state, or as the input that it is where a record has it."""
+        return replace(self, recorded="theta" in context.input_peak)
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Flight paths up and down, each with its slope: at none at all there is an exchange already."""
         start = {item.name: item.value for item in self.parameters} | ({"speed_damping": 0.0, "induced_drag": 0.0} if self.fine else {})

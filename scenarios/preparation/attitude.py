@@ -1,0 +1,62 @@
+"""A measured pitch attitude as a recorded input of the equations: of the phugoid's two states it is the one that a record often has.
+
+Counted from its mean over the record's beginning, since where a gyro's zero lies is not known to the thousandth that a phugoid would need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from scenarios.preparation.airspeed import BEGINNING, able, despiked, held
+from scenarios.preparation.plan import SPEED
+from sim.declaration.effect import Signal
+from sim.declaration.model import Model
+from sim.record import Channel, Record
+
+ATTITUDE = "theta"
+FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motion
+
+
+def wants_attitude(model: Model) -> bool:
+    """Whether effects on the model's equations can use an attitude: where its speed may change and is not recorded."""
+    recorded = {signal.name for signal in model.equations.inputs}
+    return bool(able(model)) and SPEED not in recorded
+
+
+def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
+    """The model with ``theta`` (rad, from its value at each record's begin) as a further input, records that carry it, and a sentence.
+
+    Where the model has no use for it, or a record lacks it, the records come back without it and the sentence is empty.
+    """
+    plain = [without_attitude(record) for record in records]
+    if not wants_attitude(model) or not all(_tells(record) for record in records):
+        return model, plain, ""
+    equations: Any = model.equations
+    added = Signal(ATTITUDE, "rad", "recorded: pitch attitude above that at the record's begin")
+    wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, added)))
+    carried = [replace(bare, inputs=(*bare.inputs, _from_begin(record))) for bare, record in zip(plain, records, strict=True)]
+    return wider, carried, "the pitch attitude is measured: a phugoid takes it as it is"
+
+
+def without_attitude(record: Record) -> Record:
+    """The record less its measured attitude, which is no output of these models."""
+    if ATTITUDE not in record.output_names:
+        return record
+    return replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != ATTITUDE))
+
+
+def _tells(record: Record) -> bool:
+    return ATTITUDE in record.output_names and float(np.mean(record[ATTITUDE].valid)) > FEWEST
+
+
+def _from_begin(record: Record) -> Channel:
+    """The attitude from the mean of its beginning, wrong samples and gaps bridged, as the inputs are held."""
+    time, channel = record.time, record[ATTITUDE]
+    known = despiked(channel)
+    values = np.interp(time, time[known], channel.values[known])
+    level = float(np.mean(values[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]))
+    return Channel.of(ATTITUDE, "rad", held(values - level, record.hold))
