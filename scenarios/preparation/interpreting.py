@@ -20,7 +20,8 @@ AGAINST = 2.0  # the same of one record, beyond which it contradicts
 SETTINGS = FitSettings(max_step=0.02, iterations=20, enough=0.5, coloured=False)
 BEYOND = 1e50
 LARGEST = 3000  # samples that the comparison looks at
-UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer held it
+UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer may have held it
+IN_PASSING = 0.5  # of the other steps: where so many follow one another, a hand or an actuator moved it through them
 Reading = tuple[Model, list[Record]]
 
 
@@ -58,8 +59,16 @@ def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
 
 
 def held_by_computer(record: Record) -> bool:
-    """Whether every input stands still most of the time to the last digit, as one does that a computer steps."""
-    return all(np.mean(np.diff(channel.values) == 0.0) > UNMOVED for channel in record.inputs)
+    """Whether every input stands still most of the time to the last digit, and leaps where it moves, as one does that a computer steps."""
+    return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
+
+
+def _leaps(steps: np.ndarray) -> bool:
+    """Whether an input that rests most of the time moves in single steps: a surface passes through several samples on its way."""
+    moves = steps != 0.0
+    onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
+    passing = np.count_nonzero(onward) / max(1, np.count_nonzero(moves))
+    return bool(np.mean(moves) < 1.0 - UNMOVED and passing < IN_PASSING)
 
 
 def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]) -> float:
