@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names
+from ident.tracing.candidate_model.fitted_model import FittedModel, local_names
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Caution, Claim, Concern, Verdict
@@ -119,6 +119,6 @@ def _improved(root: FittedModel, choice: Choice, held: HeldOutData) -> bool:
     settings = best.fit.layout.settings
     masks = [problem.valid for problem in (after.informed or before.frozen).layout.problems]
     plain = predictive_log_likelihood(records, root.system, root.values.shared, noise_levels(root.fit), settings, masks=masks)
-    local = [name for effect in best.effects if belongs_to_record(effect) for name in free_names(effect)]
+    local = [name for effect in best.effects for name in local_names(effect)]
     found = predictive_log_likelihood(records, best.system, best.values.shared, noise_levels(best.fit), settings, local=local, masks=masks)
     return found > plain

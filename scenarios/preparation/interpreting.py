@@ -67,7 +67,7 @@ def _leaps(steps: np.ndarray) -> bool:
     """Whether an input that rests most of the time moves in single steps: a surface passes through several samples on its way."""
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
-    passing = np.count_nonzero(onward) / max(1, np.count_nonzero(moves))
+    passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
     return bool(np.mean(moves) < 1.0 - UNMOVED and passing < IN_PASSING)
 
 

@@ -31,7 +31,9 @@ class Traits:
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
-        needs not act on all of them.
+        needs not act on all of them. Those in ``of_aircraft`` are excepted.
+    of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them, and
+        a search charges nothing for them.
     guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
     within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
@@ -49,6 +51,7 @@ class Traits:
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
     per_record: bool = False
+    of_aircraft: tuple[str, ...] = ()
     guard: bool = False
     within: tuple[str, ...] = ()
     wrong_samples_of: str = ""

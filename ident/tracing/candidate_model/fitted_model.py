@@ -106,6 +106,21 @@ def belongs_to_record(effect: Traceable) -> bool:
     return effect.traits.per_record
 
 
+def local_names(effect: Traceable) -> list[str]:
+    """Full names of an effect's free parameters of which each record has its own."""
+    if not belongs_to_record(effect):
+        return []
+    shared = {full_name(effect, local) for local in effect.traits.of_aircraft}
+    return [name for name in free_names(effect) if name not in shared]
+
+
+def added_parameters(effect: Traceable, records: int) -> int:
+    """Number of parameters that an effect adds to a fit of so many records, those that any aircraft has left out."""
+    known = {full_name(effect, local) for local in effect.traits.of_aircraft}
+    own = local_names(effect)
+    return len(own) * records + sum(1 for name in free_names(effect) if name not in known and name not in own)
+
+
 def is_event(effect: Traceable) -> bool:
     """Whether an effect's position was searched for over the record."""
     return bool(effect.traits.onset)
@@ -137,7 +152,7 @@ def fit_set(
     """
     start = start or Start()
     full, system = compiled_with(data.model, effects, data.outputs)
-    local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+    local = [name for effect in effects for name in local_names(effect)]
     local += [name for name in apart if name not in local]
     plain = lay_out(data.records, system, settings, local=local, masks=data.masks)
     guesses = None
@@ -147,7 +162,7 @@ def fit_set(
     fit = fit_as_declared(replace(plain, prior=known_beforehand(data.model, effects, plain)), guesses, start.levels)
     if fit is None:
         return None
-    count = sum(len(free_names(effect)) * (len(data.records) if belongs_to_record(effect) else 1) for effect in effects)
+    count = sum(added_parameters(effect, len(data.records)) for effect in effects)
     events = sum(1 for effect in effects if is_event(effect))
     criterion = 2.0 * fit.cost + count * np.log(float(fit.counts.sum())) + event_cost * events
     return FittedModel(tuple(effects), data.model, full, system, fit, float(criterion), count)

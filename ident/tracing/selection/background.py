@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names
+from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.screening.context import search_context
@@ -55,6 +55,6 @@ def _evidence(number: int, fitted: FittedModel, effect: Traceable, child: Fitted
     from scipy.special import chdtrc
 
     found, brought = quantities(child, effect), fitted.fit.cost - child.fit.cost
-    parameters = len(free_names(effect)) * (len(fitted.fit.layout.problems) if belongs_to_record(effect) else 1)
+    parameters = added_parameters(effect, len(fitted.fit.layout.problems))
     p_value = float(chdtrc(parameters, max(2.0 * brought, 0.0)))
     return Candidate(number, fitted.names, effect.name, float(brought), p_value, True, not implausible(effect, found, slack=0.0), found, None, ())

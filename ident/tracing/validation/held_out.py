@@ -20,8 +20,8 @@ from ident.tracing.candidate_model.fitted_model import (
     carried,
     compiled_with,
     fit_as_declared,
-    free_names,
     levels_of,
+    local_names,
 )
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.screening.context import search_context
@@ -145,7 +145,7 @@ class _Others:
         known = {name: value for name, value in fitted.values.shared.items() if name in system.parameters}
         parameters = system.parameters.with_values(known)
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
-        local = [name for effect in effects if belongs_to_record(effect) for name in free_names(effect)]
+        local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
         begin, guesses = carried(layout, None if from_model is None else from_model.values, added or {})
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)

@@ -22,88 +22,101 @@ TRIED = (-0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the att
 
 @dataclass(frozen=True)
 class Phugoid:
-    """u_dot = -gravity (theta - alpha) - speed_damping u - induced_drag alpha,  theta_dot = q,  V = airspeed + u.
+    """u_dot = -gravity (theta - alpha + (speed_damping u + induced_drag alpha)/g0),  theta_dot = q,  V = airspeed + u.
 
-    Perturbations about level flight at the declared airspeed. The trim lift, which carries the weight, follows the dynamic pressure
-    (``weight_lift``): alpha_dot gains -(2 g0/V^2) u and nz gains 2 u/V to first order, and all other loads go with (1 + u/V)^2.
+    Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic pressure: the lift that carries the weight
+    (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and nz gains 2 u/V to first order) and the moment that balances what does not follow it,
+    that of the engines (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go with (1 + u/V)^2.
     A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the level flight path there, each record's own. A steady
     deceleration is the same as an attitude: u_dot = -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
 
+    ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong to the aircraft. They are known beforehand to
+    what aircraft have: D/m changes with the speed by 2 g0 D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at
+    an arm of a chord makes a moment coefficient of the size of CD.
+
     Attributes
     ----------
-    fine : with the drag's terms as well, ``speed_damping`` (1/s) and ``induced_drag`` (m/s2 per rad).
-    recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its value at the record's begin), and no state.
-    needs_constants : those of the equations it is written for.
+    attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its value at the record's begin), and no state.
+    speed_recorded : so is the airspeed, with the lift that carries the weight: only the trim moment is left to find.
     """
 
-    fine: bool = False
-    recorded: bool = False
-    needs_constants: tuple[str, ...] = ("mass", "wing_area", "airspeed")
+    attitude_recorded: bool = False
+    speed_recorded: bool = False
 
     name: ClassVar[str] = "phugoid"
     station: ClassVar[Station] = Station.DISTURBANCE
-    needs: ClassVar[tuple[str, ...]] = ("airspeed_change", "lift")
+    needs: ClassVar[tuple[str, ...]] = ("airspeed_change", "lift", "moment")
+    needs_constants: ClassVar[tuple[str, ...]] = ("mass", "wing_area", "chord", "airspeed")
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
     traits: ClassVar[Traits] = Traits(
-        sentences=("the aircraft exchanges speed and height (phugoid), its flight path {attitude} nose up at the record's begin",),
+        sentences=(
+            "the aircraft exchanges speed and height (phugoid), its flight path {attitude} nose up at the record's begin",
+            "with the airspeed the moment changes that balances the engines, a coefficient of {trim_moment} in trim",
+        ),
         short_name="phugoid",
         separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
         plausible={"attitude": (-STEEPEST, STEEPEST)},
         per_record=True,
+        of_aircraft=("speed_damping", "induced_drag", "trim_moment"),
         background=True,
-        recorded_as="airspeed_change",
     )
     explanation: ClassVar[str] = (
         "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot = -g (theta - alpha) and theta_dot = q. Over the "
         "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation of speed and height with a frequency near "
         "sqrt(2) g/V. As the speed falls, the lift that carries the weight falls with the dynamic pressure: the load factor gains 2 u/V, the angle "
-        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. A model at constant speed leaves it out, and a slow "
-        "drift of the accelerometer or of the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real aircraft has "
-        "it, whatever else is wrong with the model, so it is offered before them. A recorded airspeed takes its place, a recorded pitch attitude "
-        "that of its second state."
+        "of attack the rate -(2 g/V^2) u, and all other loads and dampings go with the speed. The moment of the engines does not fall, and turns "
+        "the aircraft where it was balanced by the air. A model at constant speed leaves all this out, and a slow drift of the accelerometer or of "
+        "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real aircraft has it, whatever else is wrong with "
+        "the model, so it is offered before them. A recorded airspeed takes its place, a recorded pitch attitude that of its second state."
     )
 
     @property
     def states(self) -> tuple[Signal, ...]:
         speed = Signal(SPEED, "m/s", "airspeed above that at the record's begin")
-        return (speed,) if self.recorded else (speed, Signal(ATTITUDE, "rad", "pitch attitude above that at the record's begin"))
+        attitude = Signal(ATTITUDE, "rad", "pitch attitude above that at the record's begin")
+        return () if self.speed_recorded else (speed,) if self.attitude_recorded else (speed, attitude)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        base = (Parameter("gravity", G0, "m/s2", free=False), Parameter("attitude", 0.03, "rad", bounds=(-0.6, 0.6)))
-        if not self.fine:
-            return base
-        damping = Parameter("speed_damping", 0.01, "1/s", bounds=(-0.3, 0.3))
-        return (*base, damping, Parameter("induced_drag", 2.0, "m/(s2 rad)", bounds=(-60.0, 60.0)))
+        moment = Parameter("trim_moment", 0.0, "1", prior_std=0.02, bounds=(-0.5, 0.5))
+        if self.speed_recorded:
+            return (replace(moment, value=0.01),)
+        return (
+            Parameter("gravity", G0, "m/s2", free=False),
+            Parameter("attitude", 0.03, "rad", bounds=(-0.6, 0.6)),
+            Parameter("speed_damping", 0.01, "1/s", prior_std=0.01, bounds=(-0.3, 0.3)),
+            Parameter("induced_drag", 5.0, "m/(s2 rad)", prior_std=6.0, bounds=(-60.0, 60.0)),
+            moment,
+        )
 
     @property
     def absent(self) -> Mapping[str, float]:
-        further = {"speed_damping": 0.0, "induced_drag": 0.0} if self.fine else {}
-        return MappingProxyType({"gravity": 0.0, **further})
+        return MappingProxyType({"trim_moment" if self.speed_recorded else "gravity": 0.0})
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        speed = getattr(s, SPEED)
-        return {"airspeed_change": speed, "lift": weight_lift(speed, vehicle)}
+        change = s.airspeed_change if self.speed_recorded else getattr(s, SPEED)
+        ratio = vehicle.airspeed / (vehicle.airspeed + change)
+        moment = {"moment": p.trim_moment * (1.0 - ratio * ratio)}
+        return moment if self.speed_recorded else {"airspeed_change": change, "lift": weight_lift(change, vehicle), **moment}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        theta = p.attitude + (s.theta if self.recorded else getattr(s, ATTITUDE))
-        rate = -p.gravity * (theta - s.alpha)
-        if self.fine:
-            rate = rate - p.speed_damping * getattr(s, SPEED) - p.induced_drag * s.alpha
-        return (rate,) if self.recorded else (rate, s.q)
-
-    def finer(self) -> Phugoid:
-        """The same with the terms of the drag."""
-        return replace(self, fine=True)
+        if self.speed_recorded:
+            return ()
+        theta = p.attitude + (s.theta if self.attitude_recorded else getattr(s, ATTITUDE))
+        drag = (p.speed_damping * getattr(s, SPEED) + p.induced_drag * s.alpha) / G0
+        rate = -p.gravity * (theta - s.alpha + drag)
+        return (rate,) if self.attitude_recorded else (rate, s.q)
 
     def fitted_to(self, context: SearchContext) -> Phugoid:
-        """The same with the attitude as a state, or as the input that it is where a record has it."""
-        return replace(self, recorded="theta" in context.input_peak)
+        """The same with those states left out that the records have as inputs."""
+        return replace(self, attitude_recorded="theta" in context.input_peak, speed_recorded="airspeed_change" in context.input_peak)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Flight paths up and down, each with its slope: at none at all there is an exchange already."""
-        start = {item.name: item.value for item in self.parameters} | ({"speed_damping": 0.0, "induced_drag": 0.0} if self.fine else {})
+        start = {item.name: item.value for item in self.parameters}
+        if self.speed_recorded:
+            return (Probe(self.absent, ("trim_moment",)),)
         return tuple(Probe({**start, "attitude": attitude}, ("attitude",)) for attitude in TRIED)
 
 

@@ -131,6 +131,6 @@ def test_a_measured_speed_is_no_candidate_and_no_excitation() -> None:
     flown = fly_falling(weight=True)
     model, (ready,) = with_flow(declared(), [record_of(flown, outputs=(*OUTPUTS, "airspeed"))])
     names = {effect.name for effect in candidates_for(model)}
-    assert {effect.name for effect in candidates_for(declared())} - names == {"speed-variation", "phugoid"}
+    assert {effect.name for effect in candidates_for(declared())} - names == {"speed-variation"}
     plain = record_of(flown)
     assert [len(part) for part in hold_out(ready)] == [len(part) for part in hold_out(plain)]
