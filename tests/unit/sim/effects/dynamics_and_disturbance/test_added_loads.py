@@ -23,7 +23,7 @@ from sim.effects.library import find_effect, guards_for
 from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
-from tests.bases import RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+from tests.bases import LOES_CONSTANTS, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 from tests.oracles.short_period_extras import fly_loes, fly_rigid
 
 RIGID, LOES = replace(rigid_flight(4.0), max_step=0.0025), replace(loes_flight(4.0), max_step=0.0025)
@@ -112,8 +112,32 @@ def test_a_pulse_beyond_the_records_end_is_a_step() -> None:
 
 def test_airspeed_that_grows_from_the_begin() -> None:
     flight = replace(RIGID, time=RIGID.time + 7.0)
-    expected, _ = fly_rigid(flight.time, flight.u[0], speed=lambda t: RIGID_VALUES["airspeed"] + 6.0 * (t - 7.0))
+    mass, wing, density, V = (RIGID_VALUES[name] for name in ("mass", "wing_area", "air_density", "airspeed"))
+    speed = lambda t: V + 6.0 * (t - 7.0)  # noqa: E731
+    expected, _ = fly_rigid(flight.time, flight.u[0], speed=speed)
+    close(rigid(SpeedVariation(7.0, weight=False), {"rate": 6.0}, flight), expected)
+
+    # What carries the weight: the coefficient of the trim, less what the weight itself takes at that pressure.
+    def carried(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+        return 2.0 * mass * 9.80665 / (density * wing) * (V**-2 - speed(t) ** -2), 0.0, ()
+
+    expected, _ = fly_rigid(flight.time, flight.u[0], carried, speed=speed)
     close(rigid(SpeedVariation(7.0), {"rate": 6.0}, flight), expected)
+    assert expected[2, -1] > 0.2, "a faster aircraft is pulled up"
+
+
+def test_airspeed_that_grows_on_the_low_order_equivalent_loads_it_as_the_rigid_one() -> None:
+    still = replace(LOES, u=0.0 * LOES.u)
+    with_weight, without = loes(SpeedVariation(), {"rate": 3.0}, still), loes(SpeedVariation(weight=False), {"rate": 3.0}, still)
+    assert not without.any()
+    V, g = LOES_CONSTANTS["airspeed"], LOES_CONSTANTS["gravity"]
+    speed = V + 3.0 * still.time
+    # Kinematics: nz = (V/g) (q - alpha_dot) with the vane's part taken off again.
+    alpha = with_weight[0] + LOES_CONSTANTS["vane_arm"] / speed * with_weight[1]
+    nz = speed / g * (with_weight[1] - np.gradient(alpha, still.time))
+    np.testing.assert_allclose(with_weight[2][2:-2], nz[2:-2], rtol=0.0, atol=2e-4)
+    # Before the aircraft turns into its path the load is that of the pressure.
+    assert with_weight[2][5] == pytest.approx((speed[5] / V) ** 2 - 1.0, rel=0.15)
 
 
 @pytest.mark.parametrize("lasting", [False, True])
