@@ -15,6 +15,7 @@ from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.control_unevenness import VARIANTS, ControlUnevenness
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.dynamics.lift_nonlinearity import LIFT_NONLINEARITY
@@ -23,7 +24,7 @@ from sim.effects.library import find_effect, guards_for
 from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
-from tests.bases import LOES_CONSTANTS, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+from tests.bases import LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 from tests.oracles.short_period_extras import fly_loes, fly_rigid
 
 RIGID, LOES = replace(rigid_flight(4.0), max_step=0.0025), replace(loes_flight(4.0), max_step=0.0025)
@@ -74,6 +75,26 @@ def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
     v = RIGID_VALUES
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * float(f(u)), v["Cm_de"] * float(f(u)), ()))
     close(rigid(ControlNonlinearity(-0.12, 0.15), given), expected)
+
+
+def test_a_control_that_works_more_to_one_side() -> None:
+    v, e, share = RIGID_VALUES, 0.3, 0.6
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * e * abs(u), v["Cm_de"] * e * abs(u), ()))
+    got = rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share})
+    close(got, expected)
+    # Up and down are two aircraft with two derivatives.
+    up = replace(RIGID, u=np.abs(RIGID.u))
+    one_sided = rigid_model().with_values({"Cm_de": 1.3 * v["Cm_de"], "CL_de": (1.0 + e * share) * v["CL_de"]})
+    close(rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share}, up), np.array(fly_model(one_sided, up)))
+    rounded = rigid(ControlUnevenness(), {"unevenness": e, "lift_share": share})
+    close(rounded, got, 0.02)
+    w = LOES_VALUES
+    expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (w["L_delta"] * e * abs(u), w["M_delta"] * e * abs(u), ()))
+    close(loes(replace(find_effect_named("delta"), width=1e-9), {"unevenness": e}), expected, 1e-4)
+
+
+def find_effect_named(control: str) -> ControlUnevenness:
+    return next(effect for effect in VARIANTS if isinstance(effect, ControlUnevenness) and effect.control == control)
 
 
 @pytest.mark.parametrize("time", [2.0, 2.013])
