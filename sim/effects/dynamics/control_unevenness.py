@@ -13,7 +13,7 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.maths.elementary import sqrt
 
-ROUNDED = 0.01  # of the largest deflection: the kink is a curve that narrow, so that a pseudo-control may pass it within a step
+ROUNDED = 0.001  # of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,14 @@ class ControlUnevenness:
     Attributes
     ----------
     width : of the rounded kink. control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether ``lift_share`` is
-        estimated: not where the control hardly lifts. by : values that stand for moment_by and lift_by beside |d|, the vehicle's own when empty.
+        estimated: not where the control hardly lifts.
     """
 
-    width: float = 0.0005
+    width: float = 0.00005
     control: str = "elevator"
     moment_by: str = "Cm_de"
     lift_by: str = "CL_de"
     share_free: bool = True
-    by: tuple[float, ...] = ()
 
     name: ClassVar[str] = "control-nonlinearity"
     station: ClassVar[Station] = Station.DYNAMICS
@@ -67,17 +66,15 @@ class ControlUnevenness:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         d = getattr(s, self.control)
         more = p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
-        moment, lift = self.by or (getattr(vehicle, self.moment_by), getattr(vehicle, self.lift_by))
-        return {"moment": moment * more, "lift": p.lift_share * lift * more}
+        return {"moment": getattr(vehicle, self.moment_by) * more, "lift": p.lift_share * getattr(vehicle, self.lift_by) * more}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, context: SearchContext) -> ControlUnevenness:
-        """The same with a kink as narrow as the deflections of the record ask, in units of the derivatives fitted so far."""
+        """The same with a kink as narrow as the deflections of the record ask."""
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
-        by = tuple(context.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
-        return replace(self, width=ROUNDED * max(abs(low), abs(high)) or self.width, by=by if by[0] != 0.0 else ())
+        return replace(self, width=ROUNDED * max(abs(low), abs(high)) or self.width)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """The slope where there is none, lift and moment from one force."""
@@ -86,5 +83,5 @@ class ControlUnevenness:
 
 VARIANTS: tuple[Traceable, ...] = (
     ControlUnevenness(),
-    ControlUnevenness(width=0.005, control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False),
+    ControlUnevenness(width=0.0005, control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False),
 )
