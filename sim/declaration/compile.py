@@ -29,7 +29,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     """
     parts = parts_of(model, outputs, online)
     signals, measured = signals_of(parts), measured_of(parts)
-    moved = (*parts.moved_in, *parts.moved_out, *parts.inputs)
+    moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.clocks)
     after = [effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in moved]
     return System(
         parts.states,

@@ -131,6 +131,17 @@ class ReadingEffect(Effect, Protocol):
 
 
 @runtime_checkable
+class ClockEffect(Effect, Protocol):
+    """The record's clock is wrong: ``pace(p)`` is how much time it counts in one true second.
+
+    The rates of all states of the dynamics are divided by it, and the density of random forcing; readings are those of the true motion.
+    What has a memory on the input or the sensor path keeps its times, and events theirs, in the record's time.
+    """
+
+    def pace(self, p: Any) -> Any: ...
+
+
+@runtime_checkable
 class OnlineForm(Protocol):
     """State form of an input or sensor effect, for filters that see one sample at a time.
 
@@ -197,6 +208,14 @@ class Commuting(Protocol):
 
     @property
     def commutes(self) -> bool: ...
+
+
+@runtime_checkable
+class Anticipating(Protocol):
+    """An input effect that needs the record's future where ``anticipates``: it never runs on line, not even held."""
+
+    @property
+    def anticipates(self) -> bool: ...
 
 
 @runtime_checkable

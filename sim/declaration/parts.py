@@ -10,6 +10,8 @@ from operator import itemgetter
 from typing import Any
 
 from sim.declaration.effect import (
+    Anticipating,
+    ClockEffect,
     Commuting,
     DynamicsEffect,
     Effect,
@@ -33,7 +35,7 @@ class Parts:
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an on-line System carries as states,
     ``slices`` where these stand among ``states``. ``own`` picks an effect's parameters off a row of all of them, by effect name,
-    ``vehicle_of`` those of the equations. ``bias_index`` by output.
+    ``vehicle_of`` those of the equations. ``bias_index`` by output. ``clocks`` set the pace of ``dynamics``, which are theirs alone.
     """
 
     model: Model
@@ -44,6 +46,7 @@ class Parts:
     readings: tuple[ReadingEffect, ...]
     sensors: tuple[SensorEffect, ...]
     moved_out: tuple[Any, ...]
+    clocks: tuple[ClockEffect, ...]
     states: tuple[Signal, ...]
     slices: Mapping[str, slice]
     own: Mapping[str, Callable[[Rows], Any]]
@@ -86,6 +89,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         tuple(in_order([effect for effect in model.effects if isinstance(effect, ReadingEffect)])),
         tuple(effect for effect in sensors if effect not in moved_out),
         tuple(moved_out),
+        tuple(effect for effect in model.effects if isinstance(effect, ClockEffect)),
         tuple(states),
         slices,
         {effect.name: _gather(model, effect) for effect in model.effects},
@@ -110,6 +114,12 @@ def _state_forms(model: Model, effects: Sequence[Any]) -> list[Any]:
         if isinstance(effect, OnlineForm):
             moved.append(effect)
             continue
+        if isinstance(effect, Anticipating) and effect.anticipates:
+            raise ModelError(
+                f"effect {effect.name} needs the input's future and cannot run on line",
+                where=f"model {model.name}",
+                remedy="use a whole-record fit (output-error)",
+            )
         free = [item.name for item in effect.parameters if model.parameters[full_name(effect, item.name)].free]
         behind = any(other.signal == effect.signal for other in moved) and not (isinstance(effect, Commuting) and effect.commutes)
         if not isinstance(effect, InputEffect) or free or behind:

@@ -64,12 +64,16 @@ def dynamics_of(parts: Parts, signals: Bus, measured: Measured) -> Callable[[Any
     equations, own, slices, input_names = parts.model.equations, parts.own, parts.slices, parts.input_names
     moved_in, moved_out = parts.moved_in, parts.moved_out
     with_states = [(effect, own[effect.name]) for effect in parts.dynamics if effect.states]
+    clocks = [(effect, own[effect.name]) for effect in parts.clocks]
 
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         rates = list(equations.derivatives(s, vehicle))
         for effect, gather in with_states:
             rates += effect.derivatives(s, vehicle, gather(p))
+        for clock, gather in clocks:
+            pace = clock.pace(gather(p))
+            rates = [rate / pace for rate in rates]
         if moved_in:
             bus = dict(zip(input_names, u, strict=True))
             for effect in moved_in:
@@ -148,6 +152,9 @@ def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
             if isinstance(effect, NoiseEffect):
                 density[at : at + len(effect.states)] = list(effect.density(vehicle, own[effect.name](p)))
             at += len(effect.states)
+        for clock in parts.clocks:
+            pace = clock.pace(own[clock.name](p))
+            density = [value / pace for value in density]
         return density, [_measurement_variance(model, signal.name) for signal in outputs]
 
     return noise

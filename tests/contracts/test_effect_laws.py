@@ -14,6 +14,8 @@ import pytest
 import sim.effects.input_path
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import (
+    Anticipating,
+    ClockEffect,
     DynamicsEffect,
     Effect,
     InputEffect,
@@ -53,11 +55,12 @@ every_effect = pytest.mark.parametrize("effect", EFFECTS)
 
 # Names that other programs read; where a colon follows, an output channel (spikes: also an input) or a number.
 FIXED_NAMES = {
-    Station.INPUT_PATH: "input-delay actuator-lag actuator-rate-limit actuator-saturation input-deadband input-backlash",
+    Station.INPUT_PATH: "input-delay actuator-lag actuator-second-order actuator-rate-limit actuator-saturation input-deadband input-backlash "
+    "input-recorded-late",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
     "density-scale-height drag-mach drag-jump",
     Station.DISTURBANCE: "gust-turbulence gust-discrete speed-variation unmeasured-input phugoid",
-    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes",
+    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base",
     Station.NOISE: "",
 }
 
@@ -90,7 +93,7 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
         Station.INPUT_PATH: (InputEffect,),
         Station.DYNAMICS: (DynamicsEffect,),
         Station.DISTURBANCE: (DynamicsEffect,),
-        Station.SENSOR_PATH: (SensorEffect, ReadingEffect, InputEffect),  # recorded inputs have sensors, too
+        Station.SENSOR_PATH: (SensorEffect, ReadingEffect, InputEffect, ClockEffect),  # recorded inputs have sensors, too
         Station.NOISE: (NoiseEffect,),
     }[effect.station]
     assert isinstance(effect, form)
@@ -309,6 +312,10 @@ def test_a_held_input_effect_may_stay_online(effect: Effect, base: str) -> None:
     model, flight = base_for(base)
     present = typical(model, effect)
     held = present.with_parameters(present.parameters.hold([full_name(effect, item.name) for item in effect.parameters]))
+    if isinstance(effect, Anticipating) and effect.anticipates:
+        with pytest.raises(ModelError, match=f"{effect.name} needs the input's future"):
+            compile_model(held, online=True)
+        return
     for expected, got in zip(fly_model(present, flight), fly(compile_model(held, online=True), flight), strict=True):
         np.testing.assert_array_equal(got, expected)
 

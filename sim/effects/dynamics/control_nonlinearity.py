@@ -77,7 +77,10 @@ class ControlNonlinearity:
     def traits(self) -> Traits:
         widest = max(abs(self.low), abs(self.high))
         return Traits(
-            sentences=("the effect of the {control} is not in proportion to its deflection",),
+            sentences=(
+                "the {control} works unequally to both sides, by {unevenness_change} about the mean (unevenness {unevenness})",
+                "the effect of the {control} is not in proportion to its deflection",
+            ),
             short_name="curved control",
             plausible=dict.fromkeys(shape_names(self.fine), (-widest, widest)) | {"lift_share": (-3.0, 5.0)},
         )
@@ -108,6 +111,7 @@ class ControlNonlinearity:
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 
 
+# The plainer form, a kink at trim, is in control_unevenness.py, under the same name.
 VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),

@@ -40,6 +40,7 @@ class ActuatorLag:
             "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
         },
         plausible={"time_constant": (0.0, 0.5)},
+        twins=("actuator-second-order",),
     )
     explanation: ClassVar[str] = (
         "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A step arrives as an exponential, through two thirds "

@@ -13,6 +13,7 @@ from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.time_shift import moved_back
 from sim.maths.elementary import each_column
 
 
@@ -41,6 +42,7 @@ class InputDelay:
         sentences=("what the {control} does reaches the aircraft {delay} late",),
         short_name="delay",
         plausible={"delay": (0.0, 0.4)},
+        twins=("input-recorded-late", "actuator-second-order"),
     )
     explanation: ClassVar[str] = (
         "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
@@ -56,27 +58,9 @@ class InputDelay:
         return [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the shifted input over each cell, exact for an input that is constant within cells.
-
-        A cell moved back by the delay starts in cell j and ends in cell k. Its mean is u[k] plus what the
-        cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge the
-        derivative is the one towards longer delays, as the bound at zero asks.
-        """
+        """Mean of the shifted input over each cell; at no delay the derivative is the one towards longer delays, as the bound asks."""
         edges = np.asarray(edges, dtype=float)
-        return each_column(lambda row, delay: _shifted(edges, row, delay), u, p.delay)
-
-
-def _shifted(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    width, last = np.diff(edges), len(u) - 1
-    area = np.concatenate([np.zeros(1), np.cumsum(u * width)])
-    cell = np.searchsorted(edges, edges - delay.real, side="left") - 1
-    j, k = np.clip(cell[:-1], -1, last), np.clip(cell[1:], -1, last)
-    first, final = u[np.maximum(j, 0)], np.maximum(k, 0)
-    at_final = u[final]
-    next_edge = edges[j + 1]
-    between = area[final] - area[j + 1] - at_final * (edges[final] - next_edge)
-    excess = between + (first - at_final) * (next_edge - (edges[:-1] - delay))
-    return at_final + np.where(k > j, excess, 0.0) / width
+        return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
 
 
 VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"),)

@@ -95,7 +95,7 @@ def root_of(effects: Sequence[Traceable] = (), values: Mapping[str, float] | Non
         (SensorScale("q"), {"sensor-scale:q.scale": 1.03}),
         (MomentOfControlSquared(), {"control-squared.gain": 0.4}),
         (find_effect("sensor-drift:nz", ShortPeriod()), {"sensor-drift:nz.slope": 8e-4}),
-        (find_effect("speed-variation", ShortPeriod()), {"speed-variation.rate": 0.5}),
+        (find_effect("speed-variation", ShortPeriod()), {"speed-variation.rate": 0.12}),
     ],
     ids=lambda item: getattr(item, "name", ""),
 )

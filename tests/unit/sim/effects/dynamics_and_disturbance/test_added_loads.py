@@ -15,6 +15,7 @@ from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.control_unevenness import VARIANTS, ControlUnevenness
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.dynamics.lift_nonlinearity import LIFT_NONLINEARITY
@@ -23,7 +24,7 @@ from sim.effects.library import find_effect, guards_for
 from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
-from tests.bases import RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
+from tests.bases import LOES_CONSTANTS, LOES_VALUES, RIGID_VALUES, Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 from tests.oracles.short_period_extras import fly_loes, fly_rigid
 
 RIGID, LOES = replace(rigid_flight(4.0), max_step=0.0025), replace(loes_flight(4.0), max_step=0.0025)
@@ -76,6 +77,26 @@ def test_nonlinear_control_bends_moment_and_lift_alike(share: float) -> None:
     close(rigid(ControlNonlinearity(-0.12, 0.15), given), expected)
 
 
+def test_a_control_that_works_more_to_one_side() -> None:
+    v, e, share = RIGID_VALUES, 0.3, 0.6
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * e * abs(u), v["Cm_de"] * e * abs(u), ()))
+    got = rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share})
+    close(got, expected)
+    # Up and down are two aircraft with two derivatives.
+    up = replace(RIGID, u=np.abs(RIGID.u))
+    one_sided = rigid_model().with_values({"Cm_de": 1.3 * v["Cm_de"], "CL_de": (1.0 + e * share) * v["CL_de"]})
+    close(rigid(ControlUnevenness(width=1e-9), {"unevenness": e, "lift_share": share}, up), np.array(fly_model(one_sided, up)))
+    rounded = rigid(ControlUnevenness(), {"unevenness": e, "lift_share": share})
+    close(rounded, got, 0.02)
+    w = LOES_VALUES
+    expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (w["L_delta"] * e * abs(u), w["M_delta"] * e * abs(u), ()))
+    close(loes(replace(find_effect_named("delta"), width=1e-9), {"unevenness": e}), expected, 1e-4)
+
+
+def find_effect_named(control: str) -> ControlUnevenness:
+    return next(effect for effect in VARIANTS if isinstance(effect, ControlUnevenness) and effect.control == control)
+
+
 @pytest.mark.parametrize("time", [2.0, 2.013])
 def test_derivatives_that_jump_with_an_edge_of_no_width(time: float) -> None:
     changes = {"Cm_alpha": 0.4, "Cm_q": 9.0, "Cm_de": 0.3, "CL_alpha": -0.4}
@@ -112,8 +133,32 @@ def test_a_pulse_beyond_the_records_end_is_a_step() -> None:
 
 def test_airspeed_that_grows_from_the_begin() -> None:
     flight = replace(RIGID, time=RIGID.time + 7.0)
-    expected, _ = fly_rigid(flight.time, flight.u[0], speed=lambda t: RIGID_VALUES["airspeed"] + 6.0 * (t - 7.0))
+    mass, wing, density, V = (RIGID_VALUES[name] for name in ("mass", "wing_area", "air_density", "airspeed"))
+    speed = lambda t: V + 6.0 * (t - 7.0)  # noqa: E731
+    expected, _ = fly_rigid(flight.time, flight.u[0], speed=speed)
+    close(rigid(SpeedVariation(7.0, weight=False), {"rate": 6.0}, flight), expected)
+
+    # What carries the weight: the coefficient of the trim, less what the weight itself takes at that pressure.
+    def carried(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
+        return 2.0 * mass * 9.80665 / (density * wing) * (V**-2 - speed(t) ** -2), 0.0, ()
+
+    expected, _ = fly_rigid(flight.time, flight.u[0], carried, speed=speed)
     close(rigid(SpeedVariation(7.0), {"rate": 6.0}, flight), expected)
+    assert expected[2, -1] > 0.2, "a faster aircraft is pulled up"
+
+
+def test_airspeed_that_grows_on_the_low_order_equivalent_loads_it_as_the_rigid_one() -> None:
+    still = replace(LOES, u=0.0 * LOES.u)
+    with_weight, without = loes(SpeedVariation(), {"rate": 3.0}, still), loes(SpeedVariation(weight=False), {"rate": 3.0}, still)
+    assert not without.any()
+    V, g = LOES_CONSTANTS["airspeed"], LOES_CONSTANTS["gravity"]
+    speed = V + 3.0 * still.time
+    # Kinematics: nz = (V/g) (q - alpha_dot) with the vane's part taken off again.
+    alpha = with_weight[0] + LOES_CONSTANTS["vane_arm"] / speed * with_weight[1]
+    nz = speed / g * (with_weight[1] - np.gradient(alpha, still.time))
+    np.testing.assert_allclose(with_weight[2][2:-2], nz[2:-2], rtol=0.0, atol=2e-4)
+    # Before the aircraft turns into its path the load is that of the pressure.
+    assert with_weight[2][5] == pytest.approx((speed[5] / V) ** 2 - 1.0, rel=0.15)
 
 
 @pytest.mark.parametrize("lasting", [False, True])
