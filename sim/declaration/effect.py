@@ -195,6 +195,14 @@ class NeedsConstants(Protocol):
 
 
 @runtime_checkable
+class ReadsRates(Protocol):
+    """Reads rates of states, named in ``rates_read``: while it acts, the bus carries them as ``STATE_dot``, all other effects included."""
+
+    @property
+    def rates_read(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
 class Ranked(Protocol):
     """Has a place among the effects of its station, see ``in_order``."""
 
@@ -233,6 +241,11 @@ def ports_needed(effect: object) -> Sequence[str]:
 def constants_needed(effect: object) -> Sequence[str]:
     """Names of the constants that an effect wants of the equations; none where it does not say."""
     return effect.needs_constants if isinstance(effect, NeedsConstants) else ()
+
+
+def rates_read_by(effect: object) -> Sequence[str]:
+    """Names of the states whose rates an effect reads; none where it does not say."""
+    return effect.rates_read if isinstance(effect, ReadsRates) else ()
 
 
 def in_order(effects: Sequence[Any]) -> list[Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.declaration.effect import NoiseEffect, Station
+from sim.declaration.effect import NoiseEffect, Station, rates_read_by
 from sim.declaration.model import Model
 from sim.declaration.parts import Parts
 from sim.declaration.system import Rows
@@ -49,8 +49,11 @@ def measured_of(parts: Parts) -> Measured:
     """All outputs by name as sensors without memory read them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
+    rates = tuple(f"{signal.name}_dot" for signal in equations.states) if any(rates_read_by(effect) for effect in readings) else ()
 
     def measured(s: SimpleNamespace, vehicle: Any, p: Rows) -> dict[str, Any]:
+        if rates:
+            s.__dict__.update(zip(rates, equations.derivatives(s, vehicle), strict=True))
         y = dict(zip(base_outputs, equations.measurements(s, vehicle), strict=True))
         for effect in readings:
             y.update(effect.read(s, y, vehicle, own[effect.name](p)))

@@ -11,7 +11,7 @@ import importlib
 import pkgutil
 from types import ModuleType
 
-from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constants_needed, ports_needed
+from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constants_needed, ports_needed, rates_read_by
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -62,12 +62,13 @@ def guards_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 def applies(effect: Effect, equations: Equations) -> bool:
-    """Whether a vehicle has the input, the output, the ports and the constants that an effect acts on."""
+    """Whether a vehicle has the input, the output, the ports, the constants and the states that an effect acts on."""
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
-    ports = {port.name for port in equations.ports}
+    ports, states = {port.name for port in equations.ports}, {signal.name for signal in equations.states}
     fed = not isinstance(effect, OnSignal) or effect.signal in inputs
     read = not isinstance(effect, OnChannel) or effect.channel in outputs
-    return fed and read and ports.issuperset(ports_needed(effect)) and {*equations.parameter_names}.issuperset(constants_needed(effect))
+    able = ports.issuperset(ports_needed(effect)) and states.issuperset(rates_read_by(effect))
+    return fed and read and able and {*equations.parameter_names}.issuperset(constants_needed(effect))
 
 
 def effect_names() -> tuple[str, ...]:

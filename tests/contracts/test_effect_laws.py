@@ -60,7 +60,8 @@ FIXED_NAMES = {
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
     "density-scale-height drag-mach drag-jump",
     Station.DISTURBANCE: "gust-turbulence gust-discrete speed-variation unmeasured-input phugoid",
-    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base",
+    Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base accelerometer-offset "
+    "sensor-coupling sensor-curve sensor-step sensor-hold",
     Station.NOISE: "",
 }
 
@@ -126,7 +127,7 @@ def test_name_follows_the_design(effect: Effect) -> None:
     channels = {signal.name for vehicle in VEHICLES for signal in (*vehicle.outputs, *vehicle.inputs)}
     if colon:
         assert suffix in channels if effect.station is Station.SENSOR_PATH else suffix.isdigit()
-    assert stem.startswith("sensor-") == (effect.station is Station.SENSOR_PATH and bool(colon))
+    assert not stem.startswith("sensor-") or (effect.station is Station.SENSOR_PATH and colon)
     for item in effect.parameters:
         full = full_name(effect, item.name)
         assert full.startswith(f"{effect.name}.") or (hasattr(effect, "rename") and full.isidentifier())
@@ -389,5 +390,7 @@ def test_an_effect_refuses_a_vehicle_without_its_port() -> None:
 
 def test_applies_reads_signal_channel_and_needs() -> None:
     vehicle = ShortPeriod()
-    for attributes, expected in [({}, True), ({"signal": "stick"}, False), ({"channel": "nz"}, True), ({"needs": ("lift", "wind")}, False)]:
+    told = [({}, True), ({"signal": "stick"}, False), ({"channel": "nz"}, True), ({"needs": ("lift", "wind")}, False)]
+    told += [({"rates_read": ("q",)}, True), ({"rates_read": ("r",)}, False)]
+    for attributes, expected in told:
         assert applies(SimpleNamespace(**attributes), vehicle) is expected  # type: ignore[arg-type]

@@ -13,10 +13,8 @@ from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.earlier import each_run_earlier
 from sim.effects.separating import FASTER_MOTION
-from sim.maths.elementary import trailing
-
-APERTURE = 0.001  # s; a jump that meets a sample is spread over it, as cells do for a delayed input
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
 
@@ -57,7 +55,7 @@ class SensorDelay:
             sentences=("the {channel} is read {delay} late",),
             short_name="delay",
             separating={"sensor-delay": FASTER_MOTION},
-            twins=(f"sensor-lag:{self.channel}",),
+            twins=(f"sensor-lag:{self.channel}", f"sensor-hold:{self.channel}"),
             plausible={"delay": (0.0, 0.5)},
         )
 
@@ -65,37 +63,13 @@ class SensorDelay:
         return () if self.channel == "altitude" else [Probe({"delay": time}) for time in late_times(context)]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """Values at the earlier times, for a channel that runs straight from ``begin`` to ``end`` of each sub-step and may jump between.
-
-        Just before an edge at which the channel jumps (within ``APERTURE``) the new ``begin`` goes over from the value before
-        the jump to that after it, so that the outputs are continuous in the delay.
-        """
-        begin, end, delay = np.asarray(begin), np.asarray(end), np.asarray(p.delay)
-        steps = np.asarray(steps)
-        shape = np.broadcast_shapes(delay.shape, begin.shape[1:], end.shape[1:])
-        begin, end = (np.broadcast_to(trailing(row, len(shape)), (len(row), *shape)).reshape(len(row), -1) for row in (begin, end))
-        runs = np.broadcast_to(delay, shape).reshape(-1)
-        late = np.empty((2, *begin.shape), dtype=np.result_type(begin, end, delay))
-        for value in np.unique(runs):  # runs that are as late look at the same earlier times: most do in a batch of differences
-            alike = runs == value
-            late[0][:, alike], late[1][:, alike] = _later(steps, begin[:, alike], end[:, alike], value)
-        return late[0].reshape(-1, *shape), late[1, 1:].reshape(-1, *shape)
+        """Values at the earlier times, see ``sim.effects.earlier``: continuous in the delay."""
+        return each_run_earlier(steps, begin, end, _late, p.delay)
 
 
-def _later(steps: np.ndarray, begin: np.ndarray, end: np.ndarray, delay: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Runs ``(M + 1, c)`` and ``(M, c)`` at the edges of the sub-steps as they were ``delay`` before: just after and just before each edge."""
-    edges = np.concatenate([[0.0], np.cumsum(steps)])
-    then = edges - delay
-    # Each earlier time lies in sub-step k, its end included; before the first sub-step k = -1.
-    k = np.searchsorted(edges, then.real, side="left") - 1
-    inside, k = (k >= 0)[:, None], np.maximum(k, 0)
-    gap = (edges[k + 1] - then)[:, None]
-    after, before = begin[k + 1], end[k]
-    ramp = gap * ((end - begin[:-1]) / steps[:, None])[k]
-    aperture = np.minimum(APERTURE, steps[k])[:, None]
-    spread = np.where(gap.real < aperture, after - ramp - gap / aperture * (after - before), before - ramp)
-    first = begin[:1]
-    return np.where(inside, spread, first), np.where(inside, before - ramp, first)
+def _late(edges: np.ndarray, delay: Any) -> Any:
+    """The time that shows at each edge."""
+    return edges - delay
 
 
 VARIANTS: tuple[Traceable, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))

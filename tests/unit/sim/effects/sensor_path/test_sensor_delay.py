@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.sensor_path.sensor_delay import APERTURE, SensorDelay
+from sim.effects.earlier import APERTURE
+from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.maths.elementary import COMPLEX_STEP
 
 DELAY = SensorDelay("nz")

@@ -1,0 +1,89 @@
+"""A bent calibration of one output channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+
+LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}  # rad, rad/s, g about trim: what a record without a known range is taken to fly
+WITH_OTHERS = "a record with the other two of alpha, q and nz: a bent load moves all three by the kinematics, a bent reading one"
+
+
+@dataclass(frozen=True)
+class SensorCurve:
+    """The recorded channel is y + curvature y^2, y the true value about trim, before the bias is added.
+
+    ``curvature`` in 1 over the unit of the channel, either sign.
+
+    Attributes
+    ----------
+    channel, unit : the output it acts on. typical : starting curvature.
+    low, high : flown range about trim, in the unit of the channel: believed is what leaves the reading rising all over it,
+        1 + 2 curvature y > 0.
+    """
+
+    channel: str
+    unit: str
+    typical: float
+    low: float
+    high: float
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 5
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"curvature": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    explanation: ClassVar[str] = (
+        "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y counted from trim, where the slope is one. A vane near "
+        "a fuselage whose upwash changes with the angle, a potentiometer loaded at one end and a filter of pressures do this. Pull-ups and "
+        "push-overs of one size then read unlike. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is bent; lift or moment "
+        "that bend over the angle of attack change the motion itself and obey the kinematics. With one channel alone the two look much the same."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-curve:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("lift-nonlinearity",) if self.channel in ("alpha", "nz") else ("moment-nonlinearity",)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("curvature", self.typical, f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit}"),)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the reading of the {channel} is bent: it has {curvature} times its square too much",),
+            separating=dict.fromkeys(("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHERS),
+            plausible={"curvature": (-0.5 / max(self.high, 1e-6), -0.5 / min(self.low, -1e-6))},
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"curvature": 0.0}, ("curvature",))]
+
+    def fitted_to(self, context: SearchContext) -> SensorCurve:
+        """The same over the range that the record flew, its bias taken off."""
+        flown = context.flown_range(self.channel)
+        if flown is None:
+            return self
+        bias = context.values.get(f"bias_{self.channel}", 0.0) if self.channel == "nz" else 0.0  # alpha and q are states, without bias
+        return replace(self, low=min(flown[0] - bias, 0.0), high=max(flown[1] - bias, 0.0))
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        true = y[self.channel]
+        return {self.channel: true + p.curvature * true * true}
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"]),
+    SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"]),
+    SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
+)

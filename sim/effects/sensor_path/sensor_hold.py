@@ -1,0 +1,110 @@
+"""An output channel that is updated at a lower rate than it is recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.declaration.effect import Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.earlier import each_run_earlier
+from sim.maths.elementary import trailing
+
+EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
+LONGEST = 0.5  # s
+PHASES = 3  # tried in each period; a fit moves the phase by a sample or two
+CLOSER = "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is held goes in stairs, a late one does not"
+
+
+@dataclass(frozen=True)
+class SensorHold:
+    """The recorded channel shows its value at the last update; updates come ``phase + k period`` seconds after the record's start.
+
+    y(t) -> y(time of the last update). ``period`` in s, not negative, zero where it is always up to date; ``phase`` in s; the noise of the
+    recorder comes after. Each record has its own.
+
+    Two things are approximated. A sample belongs to the update that is at most half of ``interval`` later than itself: where updates meet
+    samples (a period of whole samples, in step with the recorder) this is exact, and lets period and phase move a little without
+    any sample changing its update, so that slopes and sigmas exist: they are those of the value interpolated at the time of the update,
+    d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples just before an update show it too early, by half an
+    interval at most; the fit spreads that over the phase. Which update a sample shows is found by trying: only periods of whole samples are
+    proposed to a search.
+
+    Attributes
+    ----------
+    channel : the output it acts on. interval : of the record's samples, s.
+    """
+
+    channel: str
+    interval: float = 0.02
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 30
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
+        Parameter("phase", 0.0087, "s", bounds=(-2.0, 2.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    explanation: ClassVar[str] = (
+        "The sensor delivers a new value every period and the recorder, which is faster, writes the last one again: y_recorded(t) = y(t_k), t_k = "
+        "phase + k period the last update. A slow bus or telemetry frame does this; without noise of its own behind it the raw column shows "
+        "repeated values. In the mean the channel is late by half a period, which is most of what is seen; the stairs themselves are the smaller "
+        "part, so that a delay or a lag of half the period is nearly the same where the motion is slow. The phase belongs to one record."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-hold:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-delay:{self.channel}", f"sensor-lag:{self.channel}")
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is updated only every {period} and held between",),
+            short_name="held between updates",
+            separating=dict.fromkeys(("sensor-delay", "sensor-lag"), CLOSER),
+            twins=self.aliases,
+            plausible={"period": (0.0, 1.0)},
+            per_record=True,
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The whole change at periods of whole samples, at a few phases each."""
+        probes = []
+        for every in EVERY:
+            if context.interval > 0 and every * context.interval <= LONGEST:
+                phases = sorted({round(i * every / min(every, PHASES)) for i in range(min(every, PHASES))})
+                probes += [Probe({"period": every * context.interval, "phase": phase * context.interval}) for phase in phases]
+        return probes
+
+    def fitted_to(self, context: SearchContext) -> SensorHold:
+        """The same for that record's sampling interval."""
+        return replace(self, interval=context.interval if context.interval > 0 else self.interval)
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """The values at the last updates, before which the first value holds; the channel itself where the period is zero."""
+        held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
+        depth = held[0].ndim - 1
+        acts = np.asarray(p.period).real > 0
+        rows = (trailing(np.asarray(row), depth) for row in (begin, end))
+        return tuple(np.where(acts, new, old) for new, old in zip(held, rows, strict=True))  # type: ignore[return-value]
+
+    def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
+        """The time of the update that shows at each edge."""
+        if period.real <= 0.0:
+            return edges
+        number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
+        return phase + number * period
+
+
+VARIANTS: tuple[Traceable, ...] = tuple(SensorHold(channel) for channel in ("alpha", "q", "nz", "altitude"))

@@ -1,0 +1,83 @@
+"""The zero of one output channel jumps at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Regularity, Station
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.traits import Traits
+from sim.effects.onset import risen
+from sim.effects.separating import STEADY_FLIGHT
+
+
+@dataclass(frozen=True)
+class SensorStep:
+    """From the time ``at`` on the recorded channel has ``size`` added to it.
+
+    ``at`` in s, ``size`` in the unit of the channel, either sign. Each record has its own. The edge rises over ``width`` s, centred on ``at``:
+    one sampling interval in a search, so that the fit feels the sample next to it; the time is then known to half an interval at best,
+    however small its sigma.
+
+    Attributes
+    ----------
+    channel, unit : the output it acts on. typical : the starting size; believed up to fifty times that. width : of the edge, s.
+    """
+
+    channel: str
+    unit: str
+    typical: float
+    width: float = 0.02
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 20
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = (
+        "The sensor's zero jumps while the record runs and stays there: y_recorded = y + bias + size from the time at on. A vane that is knocked, a "
+        "connector that slips, an amplifier that changes its range and a resynchronised encoder do this. Before and after, the motion is that of "
+        "the model; no other channel takes part, which no force on the aircraft could leave so: a load that nobody recorded would move all "
+        "channels, and over the time of a short period. The step belongs to one record."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-step:{self.channel}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("at", 3.0, "s"), Parameter("size", self.typical, self.unit))
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the zero of the {channel} jumps by {size} at {at}",),
+            separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
+            plausible={"size": (-50.0 * self.typical, 50.0 * self.typical)},
+            onset="at",
+            per_record=True,
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The slope by the size at the record's begin; a later step only shifts it."""
+        return [Probe({"at": context.begin + 0.5 * self.width, **self.absent}, ("size",), shifts=True)]
+
+    def fitted_to(self, context: SearchContext) -> SensorStep:
+        """The same with an edge of one sampling interval of that record."""
+        return replace(self, width=context.interval if context.interval > 0 else self.width)
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {self.channel: y[self.channel] + p.size * risen(s.time, p.at, self.width)}
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    SensorStep("alpha", "rad", 0.01),
+    SensorStep("q", "rad/s", 0.01),
+    SensorStep("nz", "g", 0.1),
+    SensorStep("altitude", "m", 50.0),
+)
