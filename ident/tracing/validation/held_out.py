@@ -156,10 +156,14 @@ class _Others:
         return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
 
     def fit_event_by_event(self) -> FittedModel | None:
-        """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to."""
-        own = [effect for effect in self.fitted.effects if belongs_to_record(effect)]
-        present = [effect for effect in self.fitted.effects if not belongs_to_record(effect)]
-        best = self.fit(present)
+        """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to.
+
+        What any record may have is there from the start: without it a fit would bend the rest in its place.
+        """
+        own = [effect for effect in self.fitted.foreground if belongs_to_record(effect)]
+        present = [effect for effect in self.fitted.effects if effect not in own]
+        slow = {name for effect in self.fitted.background for name in local_names(effect)}
+        best = self.fit(present, None, {name: value for name, value in self.fitted.values.own[0].items() if name in slow})
         for effect in own:
             if best is None:
                 return None
