@@ -16,7 +16,7 @@ from ident.tracing.ranking import choose_among_near
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
-from ident.tracing.selection.background import with_background
+from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
@@ -149,8 +149,8 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
 def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
-    ledger, base = with_background(declared.ledger.kept(root, root.criterion), root, 1)
-    ledger, first = first_round(ledger, base)
+    ledger, first = first_round(declared.ledger, root)
+    base = with_known_background(ledger, root)
     several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
     asked, partial = several and defies(base, first), None
     if asked:

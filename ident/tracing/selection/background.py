@@ -37,6 +37,12 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
     return ledger, fitted
 
 
+def with_known_background(ledger: Ledger, fitted: FittedModel) -> FittedModel:
+    """The fitted model with the background effects that the search found it to have; itself where there are none."""
+    known = [other for other in ledger.models.values() if other.foreground == fitted.foreground and len(other.effects) > len(fitted.effects)]
+    return min(known, key=ledger.score, default=fitted)
+
+
 def _best_start(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
     """The effect added to a fitted model, from the middle of its probes, and from the others where that finds nothing."""
     best: FittedModel | None = None

@@ -25,20 +25,22 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     """Accepted children of a fitted model, in round ``number``; all that was looked at is kept as evidence.
 
     The best few by projected gain are fitted in full. Where none of them leaves noise, the candidates with few parameters are
-    fitted too: a base fit that bent far hides what bent it from a linear look.
+    fitted too: a base fit that bent far hides what bent it from a linear look. What any record may have comes first, and stays in all
+    children, unless another cause dwarfs it: then it is offered again beside that cause.
     """
     key, problem = frozenset(fitted.names), ledger.problem
     if key in ledger.expanded or ledger.exhausted:
         return ledger, []
     ledger, fuller = with_background(ledger.marked(key), fitted, number)
-    if fuller is not fitted:
-        ledger, fuller_still = expand(ledger, fuller, number)
-        return ledger, [fuller, *fuller_still]
     findings = [
         finding
         for finding in screen(fitted, problem.candidates, search_context(fitted, problem.predicted))
         if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect) or finding.effect.traits.background)
     ]
+    most = max((finding.gain for finding in findings), default=0.0)
+    if fuller is not fitted and most < thresholds.DWARFED * (fitted.fit.cost - fuller.fit.cost):
+        ledger, further = expand(ledger, fuller, number)
+        return ledger, [fuller, *further]
     problem.progress(f"round {number}: {' + '.join(fitted.names) or 'declared model'}", number / (problem.settings.depth + 1))
     ledger, children, explained = _fit_promising(ledger, fitted, findings)
     if explained is None and not is_white(fitted) and not has_process_noise(fitted.system):
@@ -47,7 +49,8 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
                 ledger, child = best_fit(ledger, fitted, finding, 1)
                 if child is not None:
                     children[place] = child
-    return _accepted(ledger, fitted, number, findings, children)
+    ledger, accepted = _accepted(ledger, fitted, number, findings, children)
+    return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
 
 
 def with_process_noise(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, list[FittedModel]]:

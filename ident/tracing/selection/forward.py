@@ -20,10 +20,9 @@ from sim.declaration.effect import NoiseEffect
 Beam = list[FittedModel]
 
 
-def first_round(ledger: Ledger, base: FittedModel) -> tuple[Ledger, Beam]:
-    """The best sets of one effect beyond those of ``base``, a beam of them."""
-    known = ledger if frozenset(base.names) in ledger.models else ledger.kept(base, base.criterion)
-    ledger, children = expand(known, base, 1)
+def first_round(ledger: Ledger, root: FittedModel) -> tuple[Ledger, Beam]:
+    """The best sets of one effect, and of one beside what any record may have; a beam of them."""
+    ledger, children = expand(ledger.kept(root, root.criterion), root, 1)
     return _freer_forms(ledger, _best(ledger, children))
 
 
