@@ -105,7 +105,7 @@ class Declared:
 class Found:
     """What a search ends with.
 
-    ``base`` : the declared model with what any record may have. ``partial`` : effects that replicate, None where none does; ``asked``
+    ``base`` : the declared model with what any record may have, where the best set has it. ``partial`` : effects that replicate, None where none does; ``asked``
     whether that was asked.
     """
 
@@ -150,7 +150,7 @@ def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
     ledger, first = first_round(declared.ledger, root)
-    base = with_known_background(ledger, root)
+    base = root if first and not first[0].background else with_known_background(ledger, root)
     several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
     asked, partial = several and defies(base, first), None
     if asked:
