@@ -1,0 +1,89 @@
+"""Values that stand for no measurement: runs of exact zeros, and a fill value such as -999."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.recording.finding import Certainty, Finding, Kind, Number
+from ident.recording.series import Series, runs_of
+
+FAR = 8.0  # standard deviations of the noise between a zero and its neighbours on both sides
+BITS = 4.0
+OF_SPAN = 0.1  # of the channel's span without the zeros
+OUTSIDE = 20.0  # spans of the channel's middle nine tenths, beyond which a value that comes twice is a fill value
+BRIEF, FEW = 0.1, 5  # s and samples: no pilot's or computer's step to zero and back is as short
+
+
+def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Finding]:
+    """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have no gap, a warning."""
+    found = [("exact zeros", 0.0, _zeros(series))]
+    fill, at = _fill(series)
+    found.append((f"the fill value {fill:g}", fill, at))
+    out = []
+    for word, value, where in found:
+        if not np.any(where):
+            continue
+        runs = runs_of(where)
+        if is_input:
+            runs = np.array([(b, e) for b, e in runs if e - b <= FEW and _lasts(series, b, e) <= BRIEF]).reshape(-1, 2)
+            if not len(runs):
+                continue
+        out.append(_finding(series, runs, word, value, count, is_input=is_input))
+    return out
+
+
+def _finding(series: Series, runs: np.ndarray, word: str, value: float, count: int, *, is_input: bool) -> Finding:
+    times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
+    samples = int(sum(e - b for b, e in runs))
+    first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
+    told = f"{samples} sample(s) are {word}, at {first}{' and so on' if len(times) > 3 else ''}, where the channel is elsewhere before and after"
+    numbers = {"value": Number(value, series.unit), "samples": Number(float(samples), "1")}
+    if is_input:
+        return Finding(series.name, Kind.DROPOUT, Certainty.LIKELY, told, "fill the dropouts of an input, or cut the record there", times, numbers)
+    mask = np.zeros(count, dtype=bool)
+    for b, e in runs:
+        mask[series.rows[b:e]] = True
+    remedy = "leave cells empty where there is no measurement"
+    return Finding(series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)
+
+
+def _zeros(series: Series) -> np.ndarray:
+    """Runs of exact zeros that stand off both neighbours, which are alike: no signal goes to zero and back in one step each way."""
+    values = series.values
+    where = np.zeros(len(values), dtype=bool)
+    zero = values == 0.0
+    if not np.any(zero) or np.all(zero):
+        return where
+    rest = values[~zero]
+    least = max(FAR * series.noise, BITS * series.least_bit, OF_SPAN * float(np.ptp(rest)), 1e-300)
+    for begin, end in runs_of(zero):
+        if begin == 0 or end == len(values):
+            continue
+        before, after = float(values[begin - 1]), float(values[end])
+        if min(abs(before), abs(after)) > least and before * after > 0.0 and _sudden(values, begin, end, least):
+            where[begin:end] = True
+    return where
+
+
+def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
+    """Whether the channel was not on its way to zero: the step there is several of those before and after."""
+    before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
+    after = np.abs(np.diff(values[end : end + 4]))
+    usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
+    return min(abs(float(values[begin - 1])), abs(float(values[end]))) > max(3.0 * usual, least)
+
+
+def _fill(series: Series) -> tuple[float, np.ndarray]:
+    values = series.values
+    low, middle, high = np.percentile(values, (5.0, 50.0, 95.0))
+    usual = max(float(high - low), 10.0 * series.noise)
+    far = np.abs(values - middle) > OUTSIDE * usual
+    if usual <= 0.0 or not np.any(far):
+        return 0.0, np.zeros(len(values), dtype=bool)
+    kinds, counts = np.unique(values[far], return_counts=True)
+    value = float(kinds[counts.argmax()])
+    return (value, values == value) if counts.max() >= 2 and value != 0.0 else (0.0, np.zeros(len(values), dtype=bool))
+
+
+def _lasts(series: Series, begin: int, end: int) -> float:
+    return float(series.time[min(end, len(series.time) - 1)] - series.time[begin])

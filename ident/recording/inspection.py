@@ -1,0 +1,85 @@
+"""The raw look at a record: every kind of fault in turn, cheapest first, each knowing what the ones before have masked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.recording.dropouts import dropouts
+from ident.recording.extremes import clipped
+from ident.recording.finding import Certainty, Expectations, Finding
+from ident.recording.hum import hum
+from ident.recording.noise_level import changing_noise
+from ident.recording.readings import misread
+from ident.recording.repeats import held, stuck
+from ident.recording.resolution import coarse
+from ident.recording.rows import missing_rows
+from ident.recording.series import FEWEST, Series, series_of
+from ident.recording.zero_steps import zero_steps
+from sim.record import Record
+
+ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certainty.NOTED)
+
+
+def inspect(record: Record, expected: Expectations | None = None) -> tuple[Finding, ...]:
+    """What the raw columns of a record show, the certain first; empty where nothing is wrong.
+
+    Parameters
+    ----------
+    record : as it was read, before anything is done to it; SI and radians, nz in g.
+    expected : what it is compared with beside itself; None: itself alone.
+
+    A few tens of milliseconds for a thousand rows of four channels. No finding is raised as an error; what follows from one is the caller's.
+    """
+    outputs = [series_of(record, channel) for channel in record.outputs if np.count_nonzero(channel.valid) >= FEWEST]
+    inputs = [series_of(record, channel) for channel in record.inputs]
+    masked: dict[str, np.ndarray] = {}
+    found = missing_rows(record) if len(record) >= FEWEST else []
+    for series in outputs:
+        others = [other for other in outputs if other is not series]
+        found += _samples(series, others, inputs, len(record), masked)
+    for series in inputs:
+        found += [*dropouts(series, len(record), is_input=True), *clipped(series, len(record), is_input=True)]
+    whole = [series for series in outputs if not _mostly(masked.get(series.name))]
+    for series in whole:
+        found += [one for one in (coarse(series), changing_noise(series), hum(series, inputs)) if one is not None]
+    found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked)
+    found += misread(record, expected or Expectations())
+    return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
+
+
+def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series], count: int, masked: dict[str, np.ndarray]) -> list[Finding]:
+    """What masks samples of one channel; a sample is masked once."""
+    taken = np.zeros(count, dtype=bool)
+    out = dropouts(series, count)
+    for one in out:
+        taken |= one.mask
+    hold = held(series, count) if not out else None
+    if hold is not None:
+        out.append(hold)
+        taken |= hold.mask
+    else:
+        for one in clipped(series, count):
+            out.append(one)
+            taken |= one.mask
+        still = stuck(series, others, inputs, count, taken)
+        if still is not None:
+            out.append(still)
+            taken |= still.mask
+    masked[series.name] = taken
+    return out
+
+
+def _mostly(mask: np.ndarray | None) -> bool:
+    """Whether so many samples are masked that the rest is no longer sampled as the record is."""
+    return mask is not None and bool(np.mean(mask) > 0.1)
+
+
+def masks_of(findings: Sequence[Finding]) -> dict[str, np.ndarray]:
+    """By channel the rows that its findings mask."""
+    out: dict[str, np.ndarray] = {}
+    for one in findings:
+        if one.mask.size:
+            out[one.channel] = out.get(one.channel, np.zeros(len(one.mask), dtype=bool)) | one.mask
+    return out

@@ -1,0 +1,206 @@
+"""Columns that are not what their header says: exchanged, of turned sign, in degrees or m/s2, on a time base of another unit.
+
+The columns are read as they stand and as each simple fault would have them; what counts is how well the kinematics then hold (``motion``).
+Sound sensors leave less than a tenth of the power unexplained, also with every sensor effect of the library at its largest and in rough
+air; a fault of this kind leaves a third to all of it, and its own reading takes that to a hundredth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.recording.control import control_power, sure
+from ident.recording.finding import Certainty, Expectations, Finding, Kind, Number
+from ident.recording.motion import Columns, change, columns_of, disagreement, lag_of
+from ident.recording.time_base import SUITS, SUSPECT, wrong_clock
+from sim.maths.constants import G0
+from sim.record import Channel, Record
+
+# Chosen between the two: 120 aircraft records with any effect of the library leave 0.12 at most, a wrong column 0.28 at least.
+WRONG, RIGHT = 0.2, 0.1
+CLEARLY = 4.0  # times less than as read, and than any reading of another kind
+DEGREES = math.degrees(1.0)
+NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
+PACES = {1e-3: "ms", 1e-6: "us"}
+# Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
+TOGETHER, APART = 0.85, 0.7
+SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
+LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
+LARGE = 0.6  # rad, of an angle of attack from end to end
+RENAME = "give each column its own name, or a channel map"
+UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the columns: what it would mean, and how well the kinematics then hold."""
+
+    kind: Kind
+    channel: str
+    left: float
+    sentence: str
+    remedy: str
+
+
+def misread(record: Record, expected: Expectations) -> list[Finding]:
+    """Columns that are certainly, or likely, not what they are called; empty where all fit together or nothing joins them."""
+    far = [one for name in SMALL_ANGLES if name in (*record.input_names, *record.output_names) and (one := _far(record[name])) is not None]
+    columns = columns_of(record, expected)
+    if columns is None:
+        return far
+    shares = disagreement(columns)
+    as_read = max(shares.values(), default=0.0)
+    found = _of_lift(columns, as_read) or _of_angles(columns, as_read)
+    if found is None and as_read > SUSPECT:
+        found = _best(columns, as_read, expected)
+    if far and (found is None or found.kind is not Kind.EXCHANGED):
+        return far
+    if found is not None:
+        return [found]
+    return _of_control(columns, expected) if shares and as_read <= WRONG else []
+
+
+def _far(channel: Channel) -> Finding | None:
+    """An angle of a short-period motion that moves too far for radians."""
+    values = channel.values[channel.valid]
+    reach = float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
+    if reach <= LARGEST:
+        return None
+    told = f"it moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
+    remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
+    return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
+
+
+def _of_lift(columns: Columns, as_read: float) -> Finding | None:
+    """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the control, where the kinematics say so too."""
+    y = columns.outputs
+    if not {"alpha", "q", "nz"} <= set(y):
+        return None
+    lag = lag_of(columns)
+
+    def goes_with_alpha(values: np.ndarray) -> float:
+        with np.errstate(invalid="ignore"):
+            return float(np.nan_to_num(np.corrcoef(change(y["alpha"], lag), change(values, lag))[0, 1]))
+
+    together = goes_with_alpha(y["nz"])
+    turned = max(disagreement(columns.times({"nz": -1.0})).values())
+    if together < -TOGETHER and turned < RIGHT and turned < as_read:
+        told = f"nz has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the kinematics hold better with the other sign"
+        return Finding("nz", Kind.SIGN, Certainty.CERTAIN, told, "turn the sign of the column of nz", numbers={"correlation": Number(together, "1")})
+    if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
+        return None
+    other = max(disagreement(columns.exchanged("nz", columns.control_name)).values())
+    if other > RIGHT or CLEARLY * other > as_read:
+        return None
+    name = columns.control_name
+    told = f"nz and {name} are exchanged: the column of {name} goes with alpha, that of nz does not, and the kinematics hold so"
+    return Finding(f"nz and {name}", Kind.EXCHANGED, Certainty.CERTAIN, told, RENAME, numbers={"correlation": Number(together, "1")})
+
+
+def _of_angles(columns: Columns, as_read: float) -> Finding | None:
+    """All angles in degrees at once: they agree with each other, but not with nz, and move further than any aircraft's in radians."""
+    names = [name for name in columns.outputs if name in UNITS]
+    if "alpha" not in names or len(names) < 2 or "nz" not in columns.outputs or float(np.ptp(columns.outputs["alpha"])) < LARGE:
+        return None
+    other = max(disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values())
+    if other > SUITS or CLEARLY * other > as_read:
+        return None
+    told = f"{' and '.join(names)} are in degrees, not in radians: with nz the kinematics hold only so"
+    return Finding(
+        " and ".join(names), Kind.UNIT, Certainty.CERTAIN, told, "say their units in a channel map", numbers={"unexplained": Number(as_read, "1")}
+    )
+
+
+def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding | None:
+    readings = sorted(_readings(columns), key=lambda one: one.left)
+    best = readings[0] if readings else None
+    if best is not None and as_read > WRONG and best.left < RIGHT and best.left * CLEARLY < as_read:
+        rivals = [one for one in readings[1:] if one.left < CLEARLY * best.left and one.left < RIGHT]
+        if rivals:
+            best, rivals = _by_control(columns, [best, *rivals], expected)
+        numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
+        what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, so {_percent(best.left)}"
+        if not rivals:
+            return Finding(best.channel, best.kind, Certainty.CERTAIN, what, best.remedy, numbers=numbers)
+        others = " or ".join(one.sentence for one in rivals[:2])
+        return Finding(best.channel, best.kind, Certainty.CERTAIN, f"{what}; or {others}", best.remedy, numbers=numbers)
+    return wrong_clock(columns, as_read, expected)
+
+
+def _readings(columns: Columns) -> list[Reading]:
+    """Every simple fault, with what it leaves."""
+
+    def left(some: Columns) -> float:
+        return max(disagreement(some).values(), default=2.0)
+
+    names, out = list(columns.outputs), []
+    for name in names:
+        remedy = f"turn the sign of the column of {name}"
+        out.append(Reading(Kind.SIGN, name, left(columns.times({name: -1.0})), f"{name} has the sign turned", remedy))
+        if name in UNITS:
+            remedy = f"name the column {name}_{UNITS[name].replace('/', '_')} or say its unit in a channel map"
+            reading = left(columns.times({name: 1.0 / DEGREES}))
+            out.append(Reading(Kind.UNIT, name, reading, f"{name} is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}", remedy))
+    if "nz" in names:
+        remedy = "name the column nz [m/s2], or say its unit in a channel map"
+        out.append(Reading(Kind.UNIT, "nz", left(columns.times({"nz": 1.0 / G0})), "nz is in m/s2, not in g", remedy))
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    pairs += [(name, columns.control_name) for name in names if columns.control is not None]
+    for a, b in pairs:
+        out.append(Reading(Kind.EXCHANGED, f"{a} and {b}", left(columns.exchanged(a, b)), f"{a} and {b} are exchanged", RENAME))
+    for factor, unit in PACES.items():
+        remedy = f"name the column time [{unit}], or say its unit in a channel map"
+        out.append(Reading(Kind.TIME_BASE, "time", left(columns.times({"time": factor})), f"time is in {unit}, not in s", remedy))
+    return out
+
+
+def _by_control(columns: Columns, rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
+    """Of readings that the kinematics cannot tell apart, those that give the control the power that the vehicle's data say."""
+    if expected.control_power is None:
+        return rivals[0], list(rivals[1:])
+    fitting = []
+    for one in rivals:
+        found = control_power(_as(columns, one))
+        ratio = found.value / expected.control_power if found is not None and sure(found) else 0.0
+        if 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control):
+            fitting.append(one)
+    kept = fitting or list(rivals)
+    return kept[0], kept[1:]
+
+
+def _as(columns: Columns, reading: Reading) -> Columns:
+    names = reading.channel.split(" and ")
+    readers: Mapping[Kind, Callable[[], Columns]] = {
+        Kind.SIGN: lambda: columns.times({names[0]: -1.0}),
+        Kind.UNIT: lambda: columns.times({name: 1.0 / (DEGREES if name in UNITS else G0) for name in names}),
+        Kind.EXCHANGED: lambda: columns.exchanged(names[0], names[1]),
+        Kind.TIME_BASE: lambda: columns.times({"time": next(factor for factor, unit in PACES.items() if f" {unit}," in reading.sentence)}),
+    }
+    return readers[reading.kind]()
+
+
+def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
+    """A control whose sign, or unit, is not that of the vehicle's data."""
+    if expected.control_power is None or not expected.control_power:
+        return []
+    found = control_power(columns)
+    if found is None or not sure(found):
+        return []
+    ratio, name = found.value / expected.control_power, columns.control_name
+    told = f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says {expected.control_power:+.3g}"
+    numbers = {"control_power": Number(found.value, "rad/s2"), "expected": Number(expected.control_power, "rad/s2")}
+    if ratio < 0.0:
+        remedy = f"turn the sign of the column of {name}, or that of its derivatives in the vehicle file"
+        return [Finding(name, Kind.SIGN, Certainty.CERTAIN, f"{name} has the sign turned: {told}", remedy, numbers=numbers)]
+    if expected.angular_control and 1.0 / NEAR < ratio * DEGREES < NEAR:
+        remedy = f"name the column {name}_deg, or say its unit in a channel map"
+        return [Finding(name, Kind.UNIT, Certainty.CERTAIN, f"{name} is in deg, not in rad: {told}", remedy, numbers=numbers)]
+    return []
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

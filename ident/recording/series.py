@@ -1,0 +1,110 @@
+"""One channel as it was sampled: its valid samples, its least bit, and the noise on top of its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.statistics.robust import robust_sigma_about_zero
+from sim.record import Channel, Record
+
+FEWEST = 20  # samples that a word on a channel needs
+ON_THE_GRID = 0.02  # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is far less
+WHITE = 1.5  # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion alone
+RESOLVED = 0.7
+SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The valid samples of a channel, in their order.
+
+    Attributes
+    ----------
+    time, values : shape ``(n,)``, s and the channel's unit. rows : their rows in the record.
+    least_bit : the step of a grid on which all values lie; 0 where there is none that the samples show.
+    noise : standard deviation of what changes from sample to sample without a motion, by fourth differences; robust.
+    white : whether second differences give the same noise, so that it is noise indeed and not fast motion.
+    """
+
+    name: str
+    unit: str
+    time: np.ndarray
+    values: np.ndarray
+    rows: np.ndarray
+    least_bit: float
+    noise: float
+    white: bool
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit look like 0.6."""
+        return self.white and self.noise > RESOLVED * self.least_bit
+
+    @property
+    def span(self) -> float:
+        return float(np.ptp(self.values)) if self.values.size else 0.0
+
+
+def series_of(record: Record, channel: Channel) -> Series:
+    """A channel's valid samples with what they say of its resolution and noise."""
+    rows = np.flatnonzero(channel.valid)
+    time, values = record.time[rows], channel.values[rows]
+    noise, white = _noise(time, values)
+    return Series(channel.name, channel.unit, time, values, rows, least_bit(values), noise, white)
+
+
+def least_bit(values: np.ndarray) -> float:
+    """The smallest step between two values where all steps are its multiples; else 0."""
+    levels = np.unique(values)
+    if levels.size < 2:
+        return 0.0
+    steps = np.diff(levels)
+    rounding = 64.0 * float(np.spacing(np.max(np.abs(levels))))
+    steps = steps[steps > rounding]
+    if not steps.size:
+        return 0.0
+    bit = float(np.min(steps))
+    multiples = steps / bit
+    off = np.abs(multiples - np.round(multiples)) * bit
+    return bit if np.all(off <= ON_THE_GRID * bit + rounding) else 0.0
+
+
+def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Each sample less the line between its neighbours, scaled to the noise of one sample; NaN across gaps; ``(n - 2,)``."""
+    before, after = np.diff(time)[:-1], np.diff(time)[1:]
+    share = before / (before + after)
+    off = values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:]
+    usual = float(np.median(np.diff(time)))
+    near = np.maximum(before, after) < 3.0 * usual
+    return np.where(near, off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2), np.nan)
+
+
+def fourth_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Differences of the second differences, scaled to the noise of one sample where sampling is even; ``(n - 4,)``."""
+    second = scaled_differences(time, values) * np.sqrt(1.5)
+    return (second[1:-1] - 0.5 * (second[:-2] + second[2:])) * np.sqrt(16.0 / 70.0)
+
+
+def _noise(time: np.ndarray, values: np.ndarray) -> tuple[float, bool]:
+    if values.size < FEWEST:
+        return 0.0, False
+    second, fourth = scaled_differences(time, values), fourth_differences(time, values)
+    second, fourth = second[np.isfinite(second)], fourth[np.isfinite(fourth)]
+    if fourth.size < FEWEST // 2:
+        return 0.0, False
+    by_second, by_fourth = robust_sigma_about_zero(second), robust_sigma_about_zero(fourth)
+    real = by_fourth > SMALLEST * float(np.ptp(values))
+    return (by_fourth if real else 0.0), bool(real and by_second < WHITE * by_fourth)
+
+
+def runs_of(same: np.ndarray) -> np.ndarray:
+    """Begin and end (exclusive) of every run of True, shape ``(runs, 2)``."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    return edges.reshape(-1, 2)
+
+
+def merged(time: np.ndarray, runs: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """Times of runs of samples (begin, last)."""
+    return tuple((float(time[begin]), float(time[last])) for begin, last in runs)
