@@ -36,6 +36,7 @@ To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use t
 Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs between samples: previous or linear; else as the data say.")]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
 Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
+Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
 Model = Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible or loes.")]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
 VehicleBeside = Annotated[
@@ -99,6 +100,7 @@ def identify(
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
+    trust: Trust = False,
     method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
     out: Out = None,
     figures: Figures = True,
@@ -106,7 +108,7 @@ def identify(
     """Parameters of a model from a measured record."""
     from scenarios.commands.identify import identify_record
 
-    plan = plan_of(start, stop, hold, rate, lowpass)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
 
 
@@ -126,13 +128,14 @@ def diagnose(
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
+    trust: Trust = False,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan), out, figures)
 
 
@@ -146,13 +149,14 @@ def check(
     hold: Held = None,
     rate: Rate = None,
     lowpass: Lowpass = None,
+    trust: Trust = False,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
 
-    plan = plan_of(start, stop, hold, rate, lowpass)
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)
 
 

@@ -64,13 +64,15 @@ def measured_record(channels: tuple[str, ...] = ("alpha", "q", "nz"), control: s
     rng = np.random.default_rng(seed)
     time = 0.02 * np.arange(count)
     shape = np.select([(time > a) & (time <= b) for a, b in ((1, 2.5), (2.5, 3.5), (3.5, 4), (4, 4.5))], (1.0, -1.0, 1.0, -1.0), 0.0)
-    size = {"elevator": 0.05, "stick": 1.0}.get(control, 0.0)
+    size = {"elevator": -0.05, "stick": 1.0}.get(control, 0.0)
     outputs = []
+    answer = np.convolve(shape, time[:150] * np.exp(-time[:150] / 0.25) * 0.32)[:count]
+    # Lift and kinematics tie the channels: nz goes with alpha, q is alpha's rate and the path's.
+    motion = {"alpha": 0.036 * answer, "nz": 0.36 * answer}
+    motion["q"] = np.gradient(motion["alpha"], time) + 9.8 / (208.0 if control == "stick" else 130.0) * motion["nz"]
+    motion["altitude"] = 30.0 * NOISE["altitude"] * answer + 50_000.0 - 900.0 * time
     for number, name in enumerate(channels):
-        scale = 30.0 * NOISE[name]
-        values = scale * np.convolve(shape, np.exp(-time[:100] / 0.4) / 20.0)[:count] + NOISE[name] * rng.standard_normal(count)
-        if name == "altitude":
-            values = values + 50_000.0 - 900.0 * time
+        values = motion[name] + NOISE[name] * rng.standard_normal(count)
         if number == 0:
             values[[10, 11, count - 1]] = np.nan
         outputs.append(Channel.of(name, UNITS[name], values))

@@ -36,7 +36,7 @@ def _finding(series: Series, runs: np.ndarray, word: str, value: float, count: i
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
     first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
-    told = f"{samples} sample(s) are {word}, at {first}{' and so on' if len(times) > 3 else ''}, where the channel is elsewhere before and after"
+    told = f"has {samples} sample(s) that are {word}, at {first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
     numbers = {"value": Number(value, series.unit), "samples": Number(float(samples), "1")}
     if is_input:
         return Finding(series.name, Kind.DROPOUT, Certainty.LIKELY, told, "fill the dropouts of an input, or cut the record there", times, numbers)

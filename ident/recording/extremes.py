@@ -66,12 +66,12 @@ def _finding(series: Series, at: np.ndarray, level: float, word: str, count: int
     numbers = {"level": Number(level, series.unit)}
     told = f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} samples"
     if is_input:
-        said = f"{told}: at its stop, or clipped by the recorder"
+        said = f"is {told}: at its stop, or clipped by the recorder"
         return Finding(series.name, Kind.CLIPPED, Certainty.NOTED, said, "say which, if you know: a stop is felt by the vehicle", times, numbers)
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[at]] = True
     remedy = "widen the channel's range, or fly a smaller maneuver"
-    return Finding(series.name, Kind.CLIPPED, Certainty.COSTS_INFORMATION, f"clipped: {told}", remedy, times, numbers, mask)
+    return Finding(series.name, Kind.CLIPPED, Certainty.COSTS_INFORMATION, f"is clipped: {told}", remedy, times, numbers, mask)
 
 
 def _poisson_tail(count: int, mean: float) -> float:

@@ -54,7 +54,7 @@ class Finding:
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : what is seen, without the record's name. remedy : what its user can do; empty where there is nothing to do.
+    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do; empty where there is nothing to do.
     times : from and to, s, of every place; empty where it is the whole record.
     mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no information; of length zero where none are named.
     """

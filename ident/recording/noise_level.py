@@ -50,7 +50,7 @@ def _between_parts(series: Series, parts: int) -> Finding | None:
     if ratio < FACTOR or np.log(ratio) < SURE * scatter:
         return None
     quiet, loud = (f"{shown(levels[i], series.unit)} from {where[i][0]:.4g} to {where[i][1]:.4g} s" for i in (low, high))
-    told = f"its noise changes along the record: {quiet}, {loud}"
+    told = f"has noise that changes along the record: {quiet}, {loud}"
     numbers = {"least": Number(levels[low], series.unit), "greatest": Number(levels[high], series.unit)}
     remedy = "one noise level is fitted to the whole record: sigmas are a mean; cut out the noisy part if it is a fault"
     return Finding(series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (where[high],), numbers)

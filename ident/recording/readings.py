@@ -70,7 +70,7 @@ def _far(channel: Channel) -> Finding | None:
     reach = float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
     if reach <= LARGEST:
         return None
-    told = f"it moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
+    told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
     remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
     return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
 
@@ -89,7 +89,7 @@ def _of_lift(columns: Columns, as_read: float) -> Finding | None:
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
     if together < -TOGETHER and turned < RIGHT and turned < as_read:
-        told = f"nz has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the kinematics hold better with the other sign"
+        told = f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the kinematics hold better with the other sign"
         return Finding("nz", Kind.SIGN, Certainty.CERTAIN, told, "turn the sign of the column of nz", numbers={"correlation": Number(together, "1")})
     if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
         return None
@@ -97,7 +97,7 @@ def _of_lift(columns: Columns, as_read: float) -> Finding | None:
     if other > RIGHT or CLEARLY * other > as_read:
         return None
     name = columns.control_name
-    told = f"nz and {name} are exchanged: the column of {name} goes with alpha, that of nz does not, and the kinematics hold so"
+    told = f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the kinematics hold so"
     return Finding(f"nz and {name}", Kind.EXCHANGED, Certainty.CERTAIN, told, RENAME, numbers={"correlation": Number(together, "1")})
 
 
@@ -109,7 +109,7 @@ def _of_angles(columns: Columns, as_read: float) -> Finding | None:
     other = max(disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values())
     if other > SUITS or CLEARLY * other > as_read:
         return None
-    told = f"{' and '.join(names)} are in degrees, not in radians: with nz the kinematics hold only so"
+    told = "are in degrees, not in radians: with nz the kinematics hold only so"
     return Finding(
         " and ".join(names), Kind.UNIT, Certainty.CERTAIN, told, "say their units in a channel map", numbers={"unexplained": Number(as_read, "1")}
     )
@@ -123,10 +123,10 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
         if rivals:
             best, rivals = _by_control(columns, [best, *rivals], expected)
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
-        what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, so {_percent(best.left)}"
+        what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
         if not rivals:
             return Finding(best.channel, best.kind, Certainty.CERTAIN, what, best.remedy, numbers=numbers)
-        others = " or ".join(one.sentence for one in rivals[:2])
+        others = " or ".join(f"{one.channel} {one.sentence}" for one in rivals[:2])
         return Finding(best.channel, best.kind, Certainty.CERTAIN, f"{what}; or {others}", best.remedy, numbers=numbers)
     return wrong_clock(columns, as_read, expected)
 
@@ -140,21 +140,21 @@ def _readings(columns: Columns) -> list[Reading]:
     names, out = list(columns.outputs), []
     for name in names:
         remedy = f"turn the sign of the column of {name}"
-        out.append(Reading(Kind.SIGN, name, left(columns.times({name: -1.0})), f"{name} has the sign turned", remedy))
+        out.append(Reading(Kind.SIGN, name, left(columns.times({name: -1.0})), "has the sign turned", remedy))
         if name in UNITS:
             remedy = f"name the column {name}_{UNITS[name].replace('/', '_')} or say its unit in a channel map"
             reading = left(columns.times({name: 1.0 / DEGREES}))
-            out.append(Reading(Kind.UNIT, name, reading, f"{name} is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}", remedy))
+            out.append(Reading(Kind.UNIT, name, reading, f"is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}", remedy))
     if "nz" in names:
         remedy = "name the column nz [m/s2], or say its unit in a channel map"
-        out.append(Reading(Kind.UNIT, "nz", left(columns.times({"nz": 1.0 / G0})), "nz is in m/s2, not in g", remedy))
+        out.append(Reading(Kind.UNIT, "nz", left(columns.times({"nz": 1.0 / G0})), "is in m/s2, not in g", remedy))
     pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     pairs += [(name, columns.control_name) for name in names if columns.control is not None]
     for a, b in pairs:
-        out.append(Reading(Kind.EXCHANGED, f"{a} and {b}", left(columns.exchanged(a, b)), f"{a} and {b} are exchanged", RENAME))
+        out.append(Reading(Kind.EXCHANGED, f"{a} and {b}", left(columns.exchanged(a, b)), "are exchanged", RENAME))
     for factor, unit in PACES.items():
         remedy = f"name the column time [{unit}], or say its unit in a channel map"
-        out.append(Reading(Kind.TIME_BASE, "time", left(columns.times({"time": factor})), f"time is in {unit}, not in s", remedy))
+        out.append(Reading(Kind.TIME_BASE, "time", left(columns.times({"time": factor})), f"is in {unit}, not in s", remedy))
     return out
 
 
@@ -195,10 +195,10 @@ def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
     numbers = {"control_power": Number(found.value, "rad/s2"), "expected": Number(expected.control_power, "rad/s2")}
     if ratio < 0.0:
         remedy = f"turn the sign of the column of {name}, or that of its derivatives in the vehicle file"
-        return [Finding(name, Kind.SIGN, Certainty.CERTAIN, f"{name} has the sign turned: {told}", remedy, numbers=numbers)]
+        return [Finding(name, Kind.SIGN, Certainty.CERTAIN, f"has the sign turned: {told}", remedy, numbers=numbers)]
     if expected.angular_control and 1.0 / NEAR < ratio * DEGREES < NEAR:
         remedy = f"name the column {name}_deg, or say its unit in a channel map"
-        return [Finding(name, Kind.UNIT, Certainty.CERTAIN, f"{name} is in deg, not in rad: {told}", remedy, numbers=numbers)]
+        return [Finding(name, Kind.UNIT, Certainty.CERTAIN, f"is in deg, not in rad: {told}", remedy, numbers=numbers)]
     return []
 
 

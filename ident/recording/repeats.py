@@ -79,7 +79,7 @@ def stuck(series: Series, others: Sequence[Series], inputs: Sequence[Series], co
     times = tuple((float(series.time[begin]), float(series.time[end])) for begin, end in chosen)
     longest = max(last - first for first, last in times)
     places = f"{len(times)} times, " if len(times) > 1 else ""
-    told = f"stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples repeat the one before exactly"
+    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples repeat the one before exactly"
     numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return Finding(series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)
@@ -91,7 +91,7 @@ def _held(series: Series, repeats: np.ndarray, period: float, count: int, *, reg
     mask[series.rows[repeats]] = True
     first = float(series.time[int(np.argmax(~repeats[1:])) + 1])
     often = f"every {period:.3g} samples ({1.0 / (period * step):.3g} Hz)" if regular else f"irregularly, every {period:.2g} samples in the mean"
-    told = f"updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} samples repeat an older one"
+    told = f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} samples repeat an older one"
     numbers = {"period": Number(period * step, "s"), "samples": Number(period, "1"), "phase": Number(first - float(series.time[0]), "s")}
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
     return Finding(series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask)

@@ -14,6 +14,6 @@ def coarse(series: Series) -> Finding | None:
     bit = series.least_bit
     if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
         return None
-    told = f"its least bit of {shown(bit, series.unit)} is coarse against its noise: smaller things are not in the record, and rounding is not white"
+    told = f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things are not in the record, and rounding is not white"
     numbers = {"least_bit": Number(bit, series.unit)} | ({"noise": Number(series.noise, series.unit)} if series.noise else {})
     return Finding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)

@@ -39,7 +39,7 @@ def _finding(record: Record, gaps: np.ndarray, usual: float, certainty: Certaint
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(steps[gaps] / usual) - 1))
     places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
-    told = f"about {rows} row(s) are missing {word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
+    told = f"misses about {rows} row(s) {word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     likely = certainty is Certainty.LIKELY
     told += ": what the input did there is taken from the row before" if likely else ""
     remedy = "give the parts before and after as segments, --from and --to in pairs" if likely else ""

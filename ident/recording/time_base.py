@@ -23,7 +23,7 @@ def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> Fin
     if left[best] > SUITS or left[best] * CLEARLY > as_read or abs(math.log2(best)) < GROSS:
         return None
     numbers = {"factor": Number(best, "1"), "unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(left[best], "1")}
-    what = f"the time base disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the column says"
+    what = f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the column says"
     if {"theta", "alpha"} <= set(columns.outputs) or _control_agrees(columns, best, expected):
         return Finding("time", Kind.TIME_BASE, Certainty.CERTAIN, what, "mend the time column, or say its unit in a channel map", numbers=numbers)
     what += ", or if the angle of attack has a scale of its own"

@@ -21,6 +21,6 @@ def each_validated(given: list[str]) -> list[str]:
             taking = 1 if text == "--validate" else 0
         elif taking == 1:
             taking = 2
-        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures"):
+        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures", "--trust-record"):
             fitted += 1
     return ["diagnose", *out] if fitted else given

@@ -12,6 +12,7 @@ from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
 from scenarios.identification.identify import METHODS, identify
 from scenarios.identification.result import Identification
+from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices
 from scenarios.studies.comparison import estimate_content
 from sim.errors import DeclarationError, FlightidError
@@ -24,7 +25,7 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     """Read, identify, write the study, print."""
     from scenarios.files.measured.record_file import read_record_file
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
-    from scenarios.preparation.plausibility import refuse_degrees, refuse_still
+    from scenarios.preparation.plausibility import refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
 
@@ -38,10 +39,9 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = request.model == "loes" and method == "ekf"
     ready = prepare([file], model_of_file(vehicle), request.plan, choices, flow=not own)
-    refuse_degrees(ready.fitted)
     refuse_still(ready.fitted, ready.model)
     first, *others = ready.measured if own else ready.fitted
-    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes, doubts=ready.doubts)
+    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes, doubts=ready.doubts, look=ready.look)
     if out is not None:
         _write(found, ready.measured, file, out, figures)
     _print(found)
@@ -63,6 +63,7 @@ def identification_content(found: Identification, file: InputFile) -> dict[str, 
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
         "warnings": list(found.doubts),
         "notes": list(found.notes),
+        "record": record_content(found.look),
         "inputs": {"records": [file.name], "sha256": [file.sha256]},
         "versions": versions(),
     }
@@ -108,6 +109,8 @@ def _print(found: Identification) -> None:
         terminal.print(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}")
     for doubt in found.doubts:
         terminal.print(f"warning: {doubt}", highlight=False)
+    for line in record_lines(found.look):
+        terminal.print(line, highlight=False)
     table = Table()
     for heading in ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)

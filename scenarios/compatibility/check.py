@@ -10,12 +10,14 @@ import numpy as np
 from ident.compatibility.check import compatibility
 from ident.compatibility.result import Compatibility, CompatibilitySettings
 from ident.compatibility.signals import CHANNELS, measured_channels
+from ident.recording.finding import Expectations
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
 from scenarios.preparation.plan import Plan, Segment
+from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
 from scenarios.preparation.request import Request, column_choices
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -26,7 +28,10 @@ PRESSURE = "dynamic_pressure"
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found; ``notes`` say how records were prepared."""
+    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
+
+    ``notes`` say how records were prepared, ``look`` what their raw columns show.
+    """
 
     result: Compatibility
     records: tuple[Record, ...]
@@ -34,6 +39,7 @@ class Check:
     files: tuple[InputFile, ...]
     vehicle: InputFile | None
     notes: tuple[str, ...] = ()
+    look: RawLook = NOTHING_SEEN
 
 
 def check_files(request: Request) -> Check:
@@ -53,10 +59,11 @@ def check_files(request: Request) -> Check:
     choices, plan = column_choices(request), request.plan
     files = read_record_files(request.records)
     read = [record_to_check(file, segment, plan, choices, declared) for file in files for segment in plan.segments]
-    records = tuple(record for record, _ in read)
+    records = tuple(record for record, _, _ in read)
+    look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    return Check(result, records, settings, identities(files), vehicle, tuple(note for _, told in read for note in told))
+    return Check(result, records, settings, identities(files), vehicle, tuple(note for _, told, _ in read for note in told), look)
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
@@ -67,14 +74,14 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
 
 def record_to_check(
     file: RecordFile, segment: Segment, plan: Plan, choices: Mapping[str, ColumnChoice] | None = None, vehicle: VehicleFile | None = None
-) -> tuple[Record, tuple[str, ...]]:
-    """A part of a file with every channel that the kinematics know, and sentences on how it was prepared.
+) -> tuple[Record, tuple[str, ...], RawLook]:
+    """A part of a file with every channel that the kinematics know, sentences on how it was prepared, and what its raw columns show.
 
     ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic pressure where none is recorded.
 
     Raises
     ------
-    RecordError : anything that keeps the file from being used, or none of the channels in it.
+    RecordError : anything that keeps the file from being used, none of the channels in it, or columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_record
     from scenarios.preparation.filtering import filtered
@@ -86,12 +93,20 @@ def record_to_check(
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
     record = replace(read, inputs=inputs, outputs=outputs, name=named(file.path, segment, several=len(plan.segments) > 1))
+    (record,), look = looked_at([record], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
         raise RecordError(what, where=file.path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
     record, of_filter = filtered(record, plan)
-    return record, tuple(said for said in (of_speed, of_filter) if said)
+    return record, tuple(said for said in (of_speed, of_filter) if said), look
+
+
+def _expected(vehicle: VehicleFile | None) -> Expectations:
+    """What a vehicle file lets one expect of the raw columns."""
+    from scenarios.preparation.vehicle_model import model_of_file
+
+    return expectations_of(model_of_file(vehicle)) if vehicle is not None else Expectations()
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:

@@ -10,6 +10,7 @@ from scenarios.compatibility.check import Check
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.preparation.record_words import record_content
 
 MAIN = "compatibility.json"
 SCHEMA = "flightid/compatibility/1"
@@ -42,7 +43,9 @@ def check_content(check: Check) -> dict[str, Any]:
         "single": [_result(item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
         "cannot_tell": list(result.cannot_tell),
+        "warnings": check.look.doubts,
         "notes": [*check.notes, *result.notes],
+        "record": record_content(check.look),
         "inputs": {
             "records": [item.name for item in check.files],
             "sha256": [item.sha256 for item in check.files],

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
+from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
@@ -20,6 +21,8 @@ def print_check(check: Check, out: Console | None = None) -> None:
     result = check.result
     for record in check.records:
         print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s", indent=0)
+    for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
+        print_paragraph(out, line, indent=0)
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:

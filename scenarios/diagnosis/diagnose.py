@@ -18,6 +18,7 @@ from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
+from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.preparation.request import Request, column_choices
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -66,6 +67,7 @@ class Tracing:
     record was cut, None where whole records were predicted. ``explanations`` by effect name; ``own`` likewise: the traits of
     effects that are not the library's. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
+    ``look``: what their raw columns show.
     """
 
     diagnosis: Diagnosis
@@ -80,6 +82,7 @@ class Tracing:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
+    look: RawLook = NOTHING_SEEN
 
     @property
     def stick_unit(self) -> str:
@@ -109,6 +112,7 @@ class _Posed:
     held_out_from: float | None
     notes: tuple[str, ...]
     doubts: tuple[str, ...]
+    look: RawLook
 
 
 def diagnose_files(request: Request, progress: Callable[[str, float], None] = lambda stage, share: None, trace: Trace | None = None) -> Tracing:
@@ -153,6 +157,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.doubts,
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
+        posed.look,
     )
 
 
@@ -171,7 +176,7 @@ def _open(request: Request, vehicle: Path) -> _Opened:
 
 def _posed(opened: _Opened, plan: Plan) -> _Posed:
     """Records prepared for the declared model with its biases, something held out; refused where they cannot tell anything."""
-    from scenarios.preparation.plausibility import refuse_degrees, refuse_still, refuse_unpredictable
+    from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
     from scenarios.preparation.vehicle_model import model_of_file
 
     ready = _ready(opened, model_of_file(opened.vehicle).with_noise(Noise()), plan)
@@ -183,10 +188,9 @@ def _posed(opened: _Opened, plan: Plan) -> _Posed:
         fitted, predicted, held_out_from, notes = split.fitted, (split.held,), split.cut, (split.sentence, *notes)
         if held_out_from is None and len(plan.segments) == 1:
             files = (opened.records[:-1], opened.records[-1:])
-    refuse_degrees((*whole, *ready.validation))
     refuse_still(whole, model)
     refuse_unpredictable(ready.validation, model)
-    return _Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts)
+    return _Posed(model, fitted, predicted, identities(files[0]), identities(files[1]), held_out_from, notes, ready.doubts, ready.look)
 
 
 def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:

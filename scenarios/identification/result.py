@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
 from sim.record import Record
 
@@ -16,7 +17,7 @@ class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared,
-    ``doubts`` what in the files is likely to be wrong.
+    ``doubts`` what in the files is likely to be wrong, ``look`` what their raw columns show.
     """
 
     record: Record
@@ -31,3 +32,4 @@ class Identification:
     others: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    look: RawLook = NOTHING_SEEN

@@ -39,12 +39,14 @@ class Plan:
     hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the data say.
     rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the samples.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
+    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
     """
 
     segments: tuple[Segment, ...] = WHOLE
     hold: Hold | None = None
     rate: float | None = None
     lowpass: float | None = None
+    trusted: bool = False
 
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
@@ -58,6 +60,8 @@ def plan_of(
     hold: str | None = None,
     rate: float | None = None,
     lowpass: float | None = None,
+    *,
+    trusted: bool = False,
 ) -> Plan:
     """A plan from the words of a command line: ``--from`` and ``--to`` in pairs, in their order.
 
@@ -65,7 +69,7 @@ def plan_of(
     ------
     DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is none.
     """
-    return Plan(_segments(list(starts or ()), list(stops or ())), _hold_of(hold) if hold is not None else None, rate, lowpass)
+    return Plan(_segments(list(starts or ()), list(stops or ())), _hold_of(hold) if hold is not None else None, rate, lowpass, trusted)
 
 
 def _hold_of(word: str) -> Hold:

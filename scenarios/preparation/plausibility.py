@@ -1,4 +1,4 @@
-"""What no fit should start from and no prediction be judged by: stuck channels, resting controls, degrees as radians, too few samples."""
+"""What no fit should start from and no prediction be judged by: stuck channels, resting controls, too few samples."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.record import Channel, Record
 
-SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
-LARGEST = 1.5  # rad away from the middle that a hundredth of the samples may reach
-SHARE = 99.0  # per cent
 # A prediction fits the initial states and the biases: k numbers from N samples lower its error by sqrt(1 - k/N), here by a twentieth at most.
 PER_UNKNOWN = 10
 FIVE = 5  # samples, whose median no single wrong one moves
@@ -77,14 +74,6 @@ def moves(channel: Channel) -> bool:
     return float(np.max(np.abs(smooth - np.median(values)))) > ABOVE * noise
 
 
-def refuse_degrees(records: Sequence[Record]) -> None:
-    """Nothing where angles are those of a short-period motion. Raises RecordError for one that moves too far for radians."""
-    for record in records:
-        for name in SMALL_ANGLES:
-            if name in (*record.input_names, *record.output_names):
-                _refuse_degrees(record, record[name])
-
-
 def _names(records: Sequence[Record]) -> str:
     return ", ".join(dict.fromkeys(record.name for record in records))
 
@@ -92,12 +81,3 @@ def _names(records: Sequence[Record]) -> str:
 def _still(channel: Channel) -> bool:
     values = channel.values[channel.valid]
     return len(values) > 1 and float(np.ptp(values)) == 0.0
-
-
-def _refuse_degrees(record: Record, channel: Channel) -> None:
-    values = channel.values[channel.valid]
-    reach = float(np.percentile(np.abs(values - np.median(values)), SHARE)) if len(values) else 0.0
-    if reach > LARGEST:
-        what = f"it moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
-        remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
-        raise RecordError(what, where=f"{record.name}, channel {channel.name}", remedy=remedy)

@@ -18,6 +18,7 @@ from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
 from scenarios.preparation.plan import WHOLE, Plan, Segment
+from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, looked_at
 from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.declaration.model import Model
 from sim.record import Hold, Record
@@ -37,6 +38,7 @@ class Prepared:
     fitted, validation : records for it.
     measured : the fitted records as they would be written: before trims are taken off and the flow becomes an input.
     notes : what was done, one sentence each. doubts : what in the files is likely to be wrong, and the remedy.
+    look : what the raw columns show.
     """
 
     model: Model
@@ -45,6 +47,7 @@ class Prepared:
     measured: tuple[Record, ...]
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+    look: RawLook = NOTHING_SEEN
 
 
 def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
@@ -76,7 +79,10 @@ def prepare(
     parts = [(file, segment) for file in files for segment in plan.segments] + [(file, WHOLE[0]) for file in validate]
     optional = (*(able(model) if flow else ()), *((ATTITUDE,) if attitude and wants_attitude(model) else ()))
     read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
-    return for_model(read[:split], model, plan, read[split:])
+    records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
+    read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
+    ready = for_model(read[:split], model, plan, read[split:])
+    return replace(ready, doubts=(*look.doubts, *ready.doubts), look=look)
 
 
 def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = ()) -> Prepared:

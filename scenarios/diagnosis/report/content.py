@@ -14,6 +14,7 @@ from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
 from scenarios.files.versions import versions
+from scenarios.preparation.record_words import record_content
 
 SCHEMA = "flightid/diagnosis/1"
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
@@ -53,6 +54,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "candidates": [_candidate(candidate) for candidate in d.candidates],
         "warnings": [*tracing.doubts, *warnings_of(tracing), *_undetermined(d)],
         "notes": list(tracing.notes),
+        "record": record_content(tracing.look),
         "advice": verdict_advice(tracing),
         "inputs": _inputs(tracing),
         "versions": versions(),

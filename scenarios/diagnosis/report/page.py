@@ -15,6 +15,7 @@ from scenarios.diagnosis.report.evidence import evidence_sentences, member_table
 from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.wording import parameter_text
+from scenarios.preparation.record_words import record_rows
 from sim.declaration.traits import GUARD
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         doubts=tracing.doubts,
         warnings=[warning for warning in warnings if warning not in tracing.doubts],
         notes=tracing.notes,
+        recorded=record_rows(tracing.look),
         where=text.where_predicted(tracing),
         errors=text.error_rows(d),
         kinematics=_kinematics(tracing),

@@ -12,6 +12,7 @@ from scenarios.diagnosis.report.evidence import evidence_sentences, member_table
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
 from scenarios.terminal.quantities import DEGREES, value_text
 
@@ -26,6 +27,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     blocks = [
         [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
+        [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
         _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),

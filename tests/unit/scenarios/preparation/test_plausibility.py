@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.plausibility import moves, refuse_degrees, refuse_still
+from scenarios.preparation.plan import Plan
+from scenarios.preparation.plausibility import moves, refuse_still
+from scenarios.preparation.recording import expectations_of, looked_at
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.falling_speed import fly_falling
@@ -30,7 +32,8 @@ def with_values(record: Record, name: str, values: np.ndarray) -> Record:
 
 def test_a_sound_record_passes(sound: Record) -> None:
     refuse_still([sound], declared())
-    refuse_degrees([sound])
+    (same,), look = looked_at([sound], expectations_of(declared()), Plan())
+    assert same is sound and look.seen == ()
 
 
 def test_a_stuck_channel_is_named(sound: Record) -> None:
@@ -59,11 +62,12 @@ def test_noise_alone_is_no_motion_and_a_spike_is_none(seed: int, count: int, siz
 @pytest.mark.parametrize("name", ["alpha", "elevator"])
 def test_degrees_in_a_column_of_radians_are_noticed(sound: Record, name: str) -> None:
     degrees = np.degrees(sound[name].values)
-    with pytest.raises(RecordError, match=f"channel {name}: it moves by .*{name}_deg"):
-        refuse_degrees([with_values(sound, name, degrees)])
+    with pytest.raises(RecordError, match=f"channel {name}: moves by .*{name}_deg"):
+        looked_at([with_values(sound, name, degrees)], expectations_of(declared()), Plan())
 
 
 def test_single_wild_samples_are_left_to_the_search_for_spikes(sound: Record) -> None:
     wild = sound["alpha"].values.copy()
     wild[:3] = 50.0
-    refuse_degrees([with_values(sound, "alpha", wild)])
+    (_,), look = looked_at([with_values(sound, "alpha", wild)], expectations_of(declared()), Plan())
+    assert all(one.finding.kind.value == "dropout" for one in look.seen)

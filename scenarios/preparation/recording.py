@@ -1,0 +1,129 @@
+"""What is done about what the raw columns show: a certain fault is refused, a likely one is a warning, samples that carry nothing are set aside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.recording.finding import Certainty, Expectations, Finding, Kind
+from ident.recording.inspection import inspect
+from scenarios.preparation.plan import Plan
+from sim.declaration.model import Model
+from sim.errors import RecordError
+from sim.maths.constants import G0
+from sim.record import Channel, Record
+
+TRUST = "--trust-record"
+WARNED, NOTED = "a warning", "only noted"
+BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One finding in a record, by the record's name, and what was done about it."""
+
+    record: str
+    finding: Finding
+    done: str
+    masked: int = 0
+
+    @property
+    def sentence(self) -> str:
+        """``"train.csv: alpha is updated every 2 samples ..."``"""
+        return f"{self.record}: {self.finding.channel} {self.finding.sentence}"
+
+
+@dataclass(frozen=True, eq=False)
+class RawLook:
+    """What was seen in the raw columns of all records of a call. ``trusted``: only warned of, nothing set aside or refused."""
+
+    records: tuple[str, ...] = ()
+    seen: tuple[Seen, ...] = ()
+    trusted: bool = False
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is likely to be wrong, and the remedy, one sentence each."""
+        return [_with_remedy(one) for one in self.seen if one.done == WARNED]
+
+    @property
+    def lines(self) -> list[str]:
+        """What was set aside or is worth knowing, one sentence each."""
+        return [f"{one.sentence}; {one.done}" if one.masked else one.sentence for one in self.seen if one.done != WARNED]
+
+
+NOTHING_SEEN = RawLook()
+
+
+def expectations_of(model: Model) -> Expectations:
+    """What a declared model lets one expect of its record: airspeed, gravity, and the pitch acceleration that its first input makes."""
+    p = model.parameters
+    speed = p["airspeed"].value if "airspeed" in p else None
+    gravity = p["gravity"].value if "gravity" in p else G0
+    if "M_delta" in p:
+        return Expectations(speed, gravity, p["M_delta"].value)
+    if all(name in p for name in ("air_density", "airspeed", "wing_area", "chord", "pitch_inertia", "Cm_de")):
+        moment = 0.5 * p["air_density"].value * p["airspeed"].value ** 2 * p["wing_area"].value * p["chord"].value
+        return Expectations(speed, gravity, moment / p["pitch_inertia"].value * p["Cm_de"].value, angular_control=True)
+    return Expectations(speed, gravity)
+
+
+def joined(looks: Sequence[RawLook], *, trusted: bool) -> RawLook:
+    """What was seen in records that were looked at one by one."""
+    return RawLook(tuple(dict.fromkeys(name for look in looks for name in look.records)), tuple(one for look in looks for one in look.seen), trusted)
+
+
+def looked_at(records: Sequence[Record], expected: Expectations, plan: Plan) -> tuple[list[Record], RawLook]:
+    """Records less their samples that carry no information, and what was seen; a record with nothing to mask comes back itself.
+
+    Raises
+    ------
+    RecordError : a fault that is certain and would spoil every number, with its remedy; with the plan's ``trusted`` a warning instead.
+    """
+    out, seen = [], []
+    for record in records:
+        if any(np.max(np.abs(channel.values)) > BEYOND for channel in record.channels):
+            out.append(record)  # no measurement; whoever fits it says so
+            continue
+        for finding in inspect(record, expected):
+            record, one = _acted_on(record, finding, plan)
+            seen.append(one)
+        out.append(record)
+    return out, RawLook(tuple(dict.fromkeys(record.name for record in records)), tuple(seen), plan.trusted)
+
+
+def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, Seen]:
+    if finding.certainty is Certainty.CERTAIN and not plan.trusted:
+        remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
+        raise RecordError(finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy)
+    if finding.certainty is Certainty.NOTED:
+        return record, Seen(record.name, finding, NOTED)
+    if plan.trusted or finding.certainty is not Certainty.COSTS_INFORMATION:
+        return record, Seen(record.name, finding, WARNED)
+    channel = record[finding.channel]
+    mask = finding.mask & channel.valid
+    if finding.kind is Kind.HELD and (plan.rate is not None or plan.lowpass is not None):
+        # A filter needs every sample: straight lines between updates are what it is given anyway.
+        fresh = channel.valid & ~mask
+        values = np.interp(record.time, record.time[fresh], channel.values[fresh])
+        done = f"{int(np.count_nonzero(mask))} samples replaced by straight lines between updates, for the filter"
+        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(record.name, finding, done, int(np.count_nonzero(mask)))
+    done = f"{int(np.count_nonzero(mask))} of {int(np.count_nonzero(channel.valid))} samples set aside"
+    if np.all(mask | ~channel.valid):
+        return record, Seen(record.name, finding, WARNED)
+    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(record.name, finding, done, int(np.count_nonzero(mask)))
+
+
+def _with(record: Record, name: str, values: np.ndarray) -> Record:
+    outputs = tuple(Channel.of(name, channel.unit, values) if channel.name == name else channel for channel in record.outputs)
+    return replace(record, outputs=outputs)
+
+
+def _place(finding: Finding) -> str:
+    return f"channels {finding.channel}" if " and " in finding.channel else f"channel {finding.channel}"
+
+
+def _with_remedy(one: Seen) -> str:
+    return f"{one.sentence}; {one.finding.remedy}" if one.finding.remedy else one.sentence
