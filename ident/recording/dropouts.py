@@ -10,7 +10,7 @@ from ident.recording.series import Series, runs_of
 FAR = 8.0  # standard deviations of the noise between a zero and its neighbours on both sides
 BITS = 4.0
 OF_SPAN = 0.1  # of the channel's span without the zeros
-OUTSIDE = 20.0  # spans of the channel's middle nine tenths, beyond which a value that comes twice is a fill value
+OUTSIDE = 5.0  # spans of all other samples, beyond which a value that comes twice is a fill value
 BRIEF, FEW = 0.1, 5  # s and samples: no pilot's or computer's step to zero and back is as short
 
 
@@ -75,14 +75,15 @@ def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
 
 def _fill(series: Series) -> tuple[float, np.ndarray]:
     values = series.values
-    low, middle, high = np.percentile(values, (5.0, 50.0, 95.0))
-    usual = max(float(high - low), 10.0 * series.noise)
-    far = np.abs(values - middle) > OUTSIDE * usual
-    if usual <= 0.0 or not np.any(far):
-        return 0.0, np.zeros(len(values), dtype=bool)
-    kinds, counts = np.unique(values[far], return_counts=True)
-    value = float(kinds[counts.argmax()])
-    return (value, values == value) if counts.max() >= 2 and value != 0.0 else (0.0, np.zeros(len(values), dtype=bool))
+    nothing = np.zeros(len(values), dtype=bool)
+    for value in (float(np.max(values)), float(np.min(values))):
+        at = values == value
+        rest = values[~at]
+        if value == 0.0 or np.count_nonzero(at) < 2 or len(rest) < len(values) // 2:
+            continue
+        if float(np.min(np.abs(rest - value))) > OUTSIDE * max(float(np.ptp(rest)), 10.0 * series.noise) > 0.0:
+            return value, at
+    return 0.0, nothing
 
 
 def _lasts(series: Series, begin: int, end: int) -> float:

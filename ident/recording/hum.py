@@ -16,7 +16,8 @@ FEWEST = 128  # samples
 AROUND, BESIDE = 24, 3  # frequencies whose median is the floor, and those next to a line that belong to it
 # Power over the floor's mean is exponentially distributed under noise: ln(number of frequencies/chance), a third more for the floor's own scatter.
 CHANCE, MARGIN = 1e-5, 1.35
-PARTS = 6
+PARTS, MOST_PARTS = 6, 24  # a strong line is looked at in finer parts, so that ringing after each step shows
+FINER = 40.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a fifth
 COHERENT = 0.85  # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
 STEADY = 2.0  # ratio of the parts' amplitudes
 MATTERS = 0.3  # of the channel's noise, below which a line changes no estimate
@@ -44,8 +45,10 @@ def hum(series: Series, inputs: Sequence[Series]) -> Finding | None:
     if ratio[peak - first] < MARGIN * math.log(len(ratio) / CHANCE):
         return None
     at = _refined(bent, usual, float(frequency[peak]), float(frequency[1]))
-    parts = _parts(bent, usual, at)
-    amplitude, sizes = float(abs(np.mean(parts))), np.abs(parts)
+    amplitude = float(abs(np.mean(_parts(bent, usual, at, PARTS))))
+    finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / FINER
+    parts = _parts(bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), PARTS, MOST_PARTS)))
+    sizes = np.abs(parts)
     if _coherence(parts) < COHERENT or np.max(sizes) > STEADY * np.min(sizes) or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit):
         return None
     if any(_in_input(other, usual, at) for other in inputs):
@@ -78,13 +81,13 @@ def _refined(bent: np.ndarray, step: float, near: float, apart: float) -> float:
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 
 
-def _parts(bent: np.ndarray, step: float, at: float) -> np.ndarray:
+def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
     """The line's complex amplitude in each part of the record, of the channel itself whose second differences are ``bent``."""
     number = np.arange(len(bent))
     turned = bent * np.exp(-2j * math.pi * at * step * number)
     gain = (2.0 * math.sin(math.pi * at * step)) ** 2
     parts = []
-    for rows in np.array_split(number, PARTS):
+    for rows in np.array_split(number, count):
         weights = np.hanning(len(rows) + 2)[1:-1]
         parts.append(2.0 * complex(np.sum(weights * turned[rows]) / np.sum(weights)) / gain)
     return np.array(parts)
@@ -97,5 +100,5 @@ def _coherence(parts: np.ndarray) -> float:
 
 def _in_input(other: Series, step: float, at: float) -> bool:
     """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics."""
-    parts = _parts(np.diff(other.values, 2), step, at)
+    parts = _parts(np.diff(other.values, 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,11 +42,12 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
         found += _samples(series, others, inputs, len(record), masked)
     for series in inputs:
         found += [*dropouts(series, len(record), is_input=True), *clipped(series, len(record), is_input=True)]
-    whole = [series for series in outputs if not _mostly(masked.get(series.name))]
+    clean = _without(record, masked)
+    whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
     for series in whole:
         found += [one for one in (coarse(series), changing_noise(series), hum(series, inputs)) if one is not None]
     found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked)
-    found += misread(record, expected or Expectations())
+    found += misread(clean, expected or Expectations())
     return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
 
 
@@ -74,6 +76,17 @@ def _samples(series: Series, others: Sequence[Series], inputs: Sequence[Series],
 def _mostly(mask: np.ndarray | None) -> bool:
     """Whether so many samples are masked that the rest is no longer sampled as the record is."""
     return mask is not None and bool(np.mean(mask) > 0.1)
+
+
+def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
+    """The record less its masked samples."""
+    if not any(np.any(mask) for mask in masked.values()):
+        return record
+    outputs = tuple(
+        replace(channel, valid=channel.valid & ~masked[channel.name]) if np.any(masked.get(channel.name, False)) else channel
+        for channel in record.outputs
+    )
+    return replace(record, outputs=outputs)
 
 
 def masks_of(findings: Sequence[Finding]) -> dict[str, np.ndarray]:

@@ -23,6 +23,7 @@ FEWEST = 40  # rows
 LONGEST = 3000  # rows that a comparison looks at
 HALF = 0.5  # autocorrelation at which a lag is half a rhythm
 FLOOR = 1e-30
+SPARSE = 2  # rows of a lag for a row between two samples of a channel: with fewer, straight lines between them are not the motion
 LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
 
 
@@ -64,9 +65,12 @@ def columns_of(record: Record, expected: Expectations) -> Columns | None:
     if len(outputs) < 1:
         return None
     control = record.inputs[0] if record.inputs else None
+    known = [np.flatnonzero(record[name].valid) for name in (*JOINED, "az") if name in record.output_names]
+    sparse = max(int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in known)
     over = expected.gravity / expected.airspeed if expected.airspeed else _from_record(record, expected.gravity)
     values = control.values[rows] if control is not None else None
-    return Columns(record.time[rows], outputs, values, control.name if control is not None else "", over)
+    columns = Columns(record.time[rows], outputs, values, control.name if control is not None else "", over)
+    return columns if sparse * SPARSE <= lag_of(columns) else None
 
 
 def disagreement(columns: Columns) -> dict[str, float]:
@@ -106,9 +110,8 @@ def lag_of(columns: Columns) -> int:
         return 1
     values = columns.outputs[name] - np.mean(columns.outputs[name])
     most = max(3, min(len(values) // 8, 300))
-    power = [float(values[:-lag] @ values[lag:]) / (len(values) - lag) for lag in range(1, most)]
-    low = [lag for lag, one in enumerate(power, start=1) if one < HALF * power[0]]
-    return max(2, low[0] if low else most - 1)
+    first = float(values[:-1] @ values[1:]) / (len(values) - 1)
+    return next((lag for lag in range(2, most) if float(values[:-lag] @ values[lag:]) / (len(values) - lag) < HALF * first), most - 1)
 
 
 def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:

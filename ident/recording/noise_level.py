@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.recording.finding import Certainty, Finding, Kind, Number, shown
-from ident.recording.series import Series, fourth_differences, scaled_differences
+from ident.recording.series import SMALLEST, Series, fourth_differences, scaled_differences
 from ident.statistics.robust import robust_sigma_about_zero
 
 PARTS = (8, 4)
@@ -19,7 +19,7 @@ MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond whic
 
 def changing_noise(series: Series) -> Finding | None:
     """A warning where the noise of one part of a record is several times that of another."""
-    if not series.white or series.least_bit > series.noise:
+    if not series.resolved:
         return None
     for parts in PARTS:
         found = _between_parts(series, min(parts, len(series.values) // FEWEST))
@@ -37,7 +37,7 @@ def _between_parts(series: Series, parts: int) -> Finding | None:
         known = np.isfinite(fourth[rows])
         if np.count_nonzero(known) < FEWEST // 2:
             continue
-        level = robust_sigma_about_zero(fourth[rows][known])
+        level = max(robust_sigma_about_zero(fourth[rows][known]), 0.5 * series.least_bit, SMALLEST * series.span)
         if level > 0.0 and robust_sigma_about_zero(second[rows][known]) < MOTION * level:
             levels.append(level)
             sizes.append(int(np.count_nonzero(known)))

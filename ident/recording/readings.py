@@ -8,8 +8,9 @@ air; a fault of this kind leaves a third to all of it, and its own reading takes
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,16 +53,29 @@ def misread(record: Record, expected: Expectations) -> list[Finding]:
     columns = columns_of(record, expected)
     if columns is None:
         return far
+    found = _of_columns(columns, expected)
+    if far and not any(one.kind is Kind.EXCHANGED for one in found):
+        return far
+    return [_of_az(one) for one in found] if "az" in record.output_names and "nz" not in record.output_names else found
+
+
+def _of_columns(columns: Columns, expected: Expectations) -> list[Finding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
     found = _of_lift(columns, as_read) or _of_angles(columns, as_read)
     if found is None and as_read > SUSPECT:
         found = _best(columns, as_read, expected)
-    if far and (found is None or found.kind is not Kind.EXCHANGED):
-        return far
     if found is not None:
         return [found]
     return _of_control(columns, expected) if shares and as_read <= WRONG else []
+
+
+def _of_az(finding: Finding) -> Finding:
+    """What was found of nz, told of the column that it comes from: in m/s2 for nz is a factor of g0, that of g for az."""
+    if finding.kind is Kind.UNIT and finding.channel == "nz":
+        return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
+    channel, sentence, remedy = (re.sub(r"\bnz\b", "az", text) for text in (finding.channel, finding.sentence, finding.remedy))
+    return replace(finding, channel=channel, sentence=sentence, remedy=remedy)
 
 
 def _far(channel: Channel) -> Finding | None:

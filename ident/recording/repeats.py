@@ -23,6 +23,7 @@ SEVERAL_BITS = 3.0  # least bits, beyond which a step is no flicker of the last 
 JITTER = 0.4  # samples of scatter about an even clock of any period: rounding alone gives 0.3
 # Differences of Gaussian noise, half of which exceed b bits, repeat with probability 0.27/b; three to four times as much is no chance.
 OFTEN = 1.0
+ABRUPT = 0.7  # share of the repeats that end with a step of several bits: those of a rest end with one
 IRREGULAR = 0.05  # share of samples that repeat, from which updates that come anyhow are told
 LEAD = 0.5  # s, by which one output may move before another: delays and lags of sensors
 MOVES = 6.0  # standard deviations of the noise and least bits that a motion exceeds
@@ -50,7 +51,10 @@ def held(series: Series, count: int) -> Finding | None:
         if phase:
             repeats[0] = False  # the first value of the record: not known to be old
         return _held(series, repeats, float(period), count)
-    if not dense or np.mean(same) < max(IRREGULAR, OFTEN / bits):
+    grid = SEVERAL_BITS * series.least_bit
+    leaves = np.abs(np.append(np.diff(series.values), 0.0))
+    abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
+    if not dense or np.mean(same) < max(IRREGULAR, OFTEN / bits) or sum(abrupt) < ABRUPT * np.count_nonzero(same):
         return None
     repeats = np.concatenate([[False], same])
     lengths = np.diff(changes)
@@ -58,9 +62,7 @@ def held(series: Series, count: int) -> Finding | None:
     mean = float(np.mean(usual))
     if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _even(changes, mean):
         return _held(series, repeats, mean, count)
-    grid = SEVERAL_BITS * series.least_bit
-    leaves = np.abs(np.append(np.diff(series.values), 0.0))
-    short = [end - begin for begin, end in runs_of(same) if end - begin <= 2 * max(1.0, mean) and leaves[end] > grid]
+    short = [length for length in abrupt if length <= 2 * max(1.0, mean)]
     if len(short) >= UPDATES and sum(short) > max(IRREGULAR, OFTEN / bits) * len(same):
         return _held(series, repeats, mean, count, regular=False)
     return None

@@ -56,19 +56,22 @@ def series_of(record: Record, channel: Channel) -> Series:
 
 
 def least_bit(values: np.ndarray) -> float:
-    """The smallest step between two values where all steps are its multiples; else 0."""
+    """The largest step of which all differences between values are multiples (Euclid's algorithm on floats); 0 where there is none to be seen."""
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0
     steps = np.diff(levels)
     rounding = 64.0 * float(np.spacing(np.max(np.abs(levels))))
+    finest = max(SMALLEST * float(np.ptp(levels)), rounding / ON_THE_GRID)
     steps = steps[steps > rounding]
-    if not steps.size:
-        return 0.0
-    bit = float(np.min(steps))
-    multiples = steps / bit
-    off = np.abs(multiples - np.round(multiples)) * bit
-    return bit if np.all(off <= ON_THE_GRID * bit + rounding) else 0.0
+    bit = float(np.min(steps)) if steps.size else 0.0
+    while bit > finest:
+        off = np.abs(steps - bit * np.round(steps / bit))
+        off = off[off > ON_THE_GRID * bit + rounding]
+        if not off.size:
+            return bit
+        bit = float(np.min(off))
+    return 0.0
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ident.recording.motion import Columns, disagreement
 SUSPECT, SUITS = 0.12, 0.06  # unexplained: a clock at twice its rate leaves 0.2, the right one as little as noise does
 CLEARLY = 4.0  # times less than as read
 GROSS = 0.7  # of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the fit
-PER_OCTAVE, OCTAVES = 8, 4
+PER_OCTAVE, OCTAVES = 4, 4
 CLOSE = 0.7  # of a logarithm: starting values of a vehicle file and effects make up to a factor of two
 
 
