@@ -15,7 +15,7 @@ CHANCE = 1e-6
 KINK = 6.0  # times the usual bend: the corner where a moving signal meets a level
 SEVERAL_BITS = 3.0
 BEYOND = 6.0  # standard deviations of the noise, from the channel's middle, so that it is a motion that is cut and not the noise
-CONTINUOUS = 0.7  # share of samples of an input that differ from the one before: a commanded square is flat and no fault
+CONTINUOUS = 0.3  # share of samples of an input that differ from the one before: a commanded square is flat and no fault
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Finding]:

@@ -16,10 +16,10 @@ FEWEST = 128  # samples
 AROUND, BESIDE = 24, 3  # frequencies whose median is the floor, and those next to a line that belong to it
 # Power over the floor's mean is exponentially distributed under noise: ln(number of frequencies/chance), a third more for the floor's own scatter.
 CHANCE, MARGIN = 1e-5, 1.35
-PARTS, MOST_PARTS = 6, 24  # a strong line is looked at in finer parts, so that ringing after each step shows
-FINER = 40.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a fifth
+PARTS, MOST_PARTS = 6, 16  # a strong line is looked at in finer parts, so that ringing after each step shows
+FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
 COHERENT = 0.85  # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
-STEADY = 2.0  # ratio of the parts' amplitudes
+STEADY = 2.5  # ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred hums
 MATTERS = 0.3  # of the channel's noise, below which a line changes no estimate
 OF_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
 IN_INPUT = 1e-4  # of an input's span, from which a line of one phase in it may be what the output answers to

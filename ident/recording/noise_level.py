@@ -9,6 +9,7 @@ from ident.recording.series import SMALLEST, Series, fourth_differences, scaled_
 from ident.statistics.robust import robust_sigma_about_zero
 
 PARTS = (8, 4)
+BITS = 2.0  # least bits of noise, below which a median of its size is one of few levels
 FEWEST = 30  # samples of a part
 FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
 # Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for independent ones, 1.58 by simulation for these.
@@ -19,7 +20,7 @@ MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond whic
 
 def changing_noise(series: Series) -> Finding | None:
     """A warning where the noise of one part of a record is several times that of another."""
-    if not series.resolved:
+    if not series.white or series.noise < BITS * series.least_bit:
         return None
     for parts in PARTS:
         found = _between_parts(series, min(parts, len(series.values) // FEWEST))

@@ -27,6 +27,7 @@ ABRUPT = 0.7  # share of the repeats that end with a step of several bits: those
 IRREGULAR = 0.05  # share of samples that repeat, from which updates that come anyhow are told
 LEAD = 0.5  # s, by which one output may move before another: delays and lags of sensors
 MOVES = 6.0  # standard deviations of the noise and least bits that a motion exceeds
+INPUT_STEPS = 0.05  # of an input's span, from which its step may be what the channel answers
 CATCHES_UP = 3.0  # times the usual step
 
 
@@ -144,8 +145,8 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
     if abs(float(values[end + 1] - values[end])) < CATCHES_UP * max(usual, series.least_bit) or usual <= series.least_bit:
         return False
     for other in inputs:
-        near = (other.time >= series.time[begin]) & (other.time <= series.time[end + 2])
-        if float(np.ptp(other.values[near])) > 0.01 * other.span:
+        near = (other.time >= series.time[end - 2]) & (other.time <= series.time[end + 2])
+        if np.count_nonzero(near) > 2 and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEPS * other.span:
             return False
     return True
 

@@ -34,7 +34,10 @@ def record_lines(look: RawLook) -> list[str]:
 
 def record_rows(look: RawLook) -> list[tuple[str, str, str, str, str]]:
     """Record, channel, what is seen, when, what was done: the rows of a page's table."""
-    return [(one.record, one.finding.channel, one.finding.sentence, _when(one.finding), one.done) for one in look.seen]
+    return [
+        (one.record, one.finding.channel, one.finding.sentence, _when(one.finding), f"{one.masked} samples {one.done}" if one.masked else one.done)
+        for one in look.seen
+    ]
 
 
 def _content(one: Seen) -> dict[str, Any]:
@@ -48,7 +51,7 @@ def _content(one: Seen) -> dict[str, Any]:
         "numbers": {name: {"value": number.value, "unit": number.unit} for name, number in finding.numbers.items() if math.isfinite(number.value)},
         "masked": one.masked,
         "done": one.done,
-        "sentence": finding.sentence,
+        "sentence": f"{finding.channel} {finding.sentence}",
         **({"remedy": finding.remedy} if finding.remedy else {}),
     }
 

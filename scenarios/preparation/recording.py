@@ -108,12 +108,13 @@ def _acted_on(record: Record, finding: Finding, plan: Plan) -> tuple[Record, See
         # A filter needs every sample: straight lines between updates are what it is given anyway.
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
-        done = f"{int(np.count_nonzero(mask))} samples replaced by straight lines between updates, for the filter"
+        done = "replaced by straight lines between updates, for the filter"
         return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(record.name, finding, done, int(np.count_nonzero(mask)))
-    done = f"{int(np.count_nonzero(mask))} of {int(np.count_nonzero(channel.valid))} samples set aside"
     if np.all(mask | ~channel.valid):
         return record, Seen(record.name, finding, WARNED)
-    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(record.name, finding, done, int(np.count_nonzero(mask)))
+    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(
+        record.name, finding, "set aside", int(np.count_nonzero(mask))
+    )
 
 
 def _with(record: Record, name: str, values: np.ndarray) -> Record:

@@ -1,0 +1,105 @@
+"""Noise that changes, hum, and zeros that step; and what is none of these."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ident.recording.finding import Certainty, Finding, Kind
+from ident.recording.inspection import inspect
+from sim.record import Channel, Record
+from tests.recorded_flight import SIGMAS, Aircraft, altered, flight
+
+
+@pytest.fixture(scope="module")
+def sound() -> Record:
+    return flight(np.random.default_rng(11), duration=20.0)
+
+
+def warned(record: Record) -> list[Finding]:
+    told = inspect(record, Aircraft().expected)
+    assert all(one.certainty is Certainty.LIKELY for one in told), [one.sentence for one in told]
+    return list(told)
+
+
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz"])
+def test_noise_that_becomes_three_times_as_loud_is_told(sound: Record, channel: str) -> None:
+    rng, half = np.random.default_rng(1), np.arange(len(sound)) > 0.6 * len(sound)
+    (one,) = warned(altered(sound, **{channel: lambda v: v + 3.0 * SIGMAS[channel] * rng.standard_normal(len(v)) * half}))
+    assert (one.channel, one.kind) == (channel, Kind.NOISE_LEVEL)
+    assert one.times[0][0] > 11.0 and one.numbers["least"].value == pytest.approx(SIGMAS[channel], rel=0.3)
+
+
+@pytest.mark.parametrize("frequency", [9.0, 17.3, 23.0])
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz"])
+def test_a_hum_is_told_with_frequency_and_amplitude(sound: Record, channel: str, frequency: float) -> None:
+    size = 1.5 * SIGMAS[channel]
+    (one,) = warned(altered(sound, **{channel: lambda v: v + size * np.sin(2.0 * math.pi * frequency * sound.time + 0.3)}))
+    assert (one.channel, one.kind) == (channel, Kind.HUM)
+    assert one.numbers["frequency"].value == pytest.approx(frequency, abs=0.01)
+    assert one.numbers["amplitude"].value == pytest.approx(size, rel=0.2)
+
+
+def test_a_hum_above_half_the_sample_rate_shows_below_it(sound: Record) -> None:
+    (one,) = warned(altered(sound, q=lambda v: v + 0.006 * np.sin(2.0 * math.pi * 60.0 * sound.time)))
+    assert one.numbers["frequency"].value == pytest.approx(10.0, abs=0.01) and "25 Hz" in one.sentence
+
+
+def test_structure_that_rings_or_is_shaken_is_no_hum(sound: Record) -> None:
+    time, rng = sound.time, np.random.default_rng(2)
+    steps = np.flatnonzero(np.diff(sound.inputs[0].values))
+    omega, damping = 2.0 * math.pi * 8.0, 0.02
+    ringing = sum(np.exp(-damping * omega * late) * np.sin(omega * late) * (late > 0.0) for late in (time - time[k] for k in steps))
+    shaken, a, b = np.zeros(len(time)), 2.0 * 0.98 * math.cos(omega * 0.02), -(0.98**2)
+    for k in range(2, len(time)):
+        shaken[k] = a * shaken[k - 1] + b * shaken[k - 2] + rng.standard_normal()
+    for motion in (0.02 * np.asarray(ringing), 0.01 * shaken / np.std(shaken)):
+        assert all(one.kind is not Kind.HUM for one in inspect(altered(sound, q=lambda v, m=motion: v + m)))
+
+
+def test_harmonics_of_a_periodic_input_are_no_hum() -> None:
+    record = flight(np.random.default_rng(3), kind="steps", duration=30.0, noise=0.1, rate=80.0)
+    assert inspect(record) == ()
+
+
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("kind", ["3211", "sweep"])
+def test_a_zero_that_steps_is_told_with_time_and_size(channel: str, sign: float, kind: str) -> None:
+    record = flight(np.random.default_rng(4), kind=kind, duration=20.0)
+    size = sign * 20.0 * SIGMAS[channel]
+    (one,) = warned(altered(record, **{channel: lambda v: v + size * (np.arange(len(v)) >= 613)}))
+    assert (one.channel, one.kind) == (channel, Kind.ZERO_STEP)
+    assert one.times[0][0] == pytest.approx(record.time[613], abs=0.03)
+    assert one.numbers["step"].value == pytest.approx(size, rel=0.25)
+
+
+def test_what_jumps_in_two_channels_or_returns_is_no_step_of_a_zero(sound: Record) -> None:
+    after = np.arange(len(sound)) >= 613
+    gust = altered(sound, alpha=lambda v: v + 0.03 * after, nz=lambda v: v + 0.37 * after)
+    assert inspect(gust) == ()
+    brief = after & (np.arange(len(sound)) < 616)
+    assert inspect(altered(sound, q=lambda v: v + 0.1 * brief)) == ()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 100_000),
+    scale=st.floats(1e-6, 1e6),
+    offset=st.floats(-1e3, 1e3),
+    rate=st.sampled_from([10.0, 25.0, 50.0, 200.0]),
+    ratio=st.floats(0.0, 100.0),
+)
+def test_white_noise_on_smooth_motion_shows_nothing_at_any_scale(seed: int, scale: float, offset: float, rate: float, ratio: float) -> None:
+    """Independent channels below 1 Hz, whatever their unit: no relation is asked of channels that no kinematics join."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(400) / rate
+    channels = []
+    for name in ("airspeed", "ax", "altitude"):
+        motion = sum(rng.standard_normal() * np.sin(2.0 * math.pi * rng.uniform(0.05, 0.8) * time + rng.uniform(0.0, 6.0)) for _ in range(4))
+        channels.append(Channel.of(name, "1", scale * (offset + ratio * motion + rng.standard_normal(len(time)))))
+    assert inspect(Record(time, (), tuple(channels))) == ()

@@ -1,0 +1,143 @@
+"""Columns that are not what they are called are refused, whichever it is; sound ones, with any effect of a sensor, are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ident.recording.control import control_power
+from ident.recording.finding import Certainty, Expectations, Finding, Kind
+from ident.recording.inspection import inspect
+from ident.recording.motion import columns_of, disagreement
+from sim.record import Channel, Record
+from tests.recorded_flight import Aircraft, altered, drawn, exchanged, flight
+
+G0, DEGREES = 9.80665, 180.0 / np.pi
+CRAFT = Aircraft()
+
+
+@pytest.fixture(scope="module")
+def sound() -> Record:
+    return flight(np.random.default_rng(21), offsets={"alpha": 0.06, "q": 0.01})
+
+
+def certain(record: Record, expected: Expectations = CRAFT.expected) -> Finding:
+    """The one finding that refuses a record."""
+    (one,) = [one for one in inspect(record, expected) if one.certainty is Certainty.CERTAIN]
+    return one
+
+
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz", "elevator"])
+def test_a_turned_sign_is_certain_whichever_channel(sound: Record, channel: str) -> None:
+    one = certain(altered(sound, **{channel: np.negative}))
+    assert (one.channel, one.kind) == (channel, Kind.SIGN) and f"column of {channel}" in one.remedy
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from(["alpha", "q", "nz", "elevator"]),
+    st.sampled_from(["3211", "doublets", "sweep"]),
+    st.sampled_from([20.0, 50.0, 100.0]),
+)
+def test_a_turned_sign_is_certain_for_any_aircraft(seed: int, channel: str, kind: str, rate: float) -> None:
+    rng = np.random.default_rng(seed)
+    craft = drawn(rng)
+    record = flight(rng, craft, kind, rate, 14.0, size=0.05, noise=0.3)
+    assert [one for one in inspect(record, craft.expected) if one.certainty is Certainty.CERTAIN] == []
+    one = certain(altered(record, **{channel: np.negative}), craft.expected)
+    assert (one.channel, one.kind) == (channel, Kind.SIGN)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("alpha", "q"), ("alpha", "nz"), ("q", "nz"), ("alpha", "elevator"), ("q", "elevator"), ("nz", "elevator")]
+)
+def test_two_exchanged_columns_are_certain(sound: Record, first: str, second: str) -> None:
+    one = certain(exchanged(altered(sound, alpha=lambda v: v - 0.06), first, second))
+    assert (one.channel, one.kind) == (f"{first} and {second}", Kind.EXCHANGED)
+
+
+@pytest.mark.parametrize(("channel", "factor"), [("alpha", DEGREES), ("q", DEGREES), ("elevator", DEGREES), ("nz", G0)])
+def test_a_single_channel_in_another_unit_is_certain(channel: str, factor: float) -> None:
+    """A small motion, so that no angle in degrees is too large for radians."""
+    small = flight(np.random.default_rng(22), size=0.01, noise=0.3)
+    one = certain(altered(small, **{channel: lambda v: factor * v}))
+    assert (one.channel, one.kind) == (channel, Kind.UNIT)
+
+
+def test_angles_too_large_for_radians_are_certain_without_any_other_channel(sound: Record) -> None:
+    alone = Record(sound.time, (), (Channel.of("alpha", "rad", DEGREES * sound["alpha"].values),))
+    one = certain(alone, Expectations())
+    assert (one.channel, one.kind) == ("alpha", Kind.UNIT) and "alpha_deg" in one.remedy
+
+
+def test_attitude_tells_which_of_two_angles_is_in_degrees() -> None:
+    record = flight(np.random.default_rng(23), size=0.01, noise=0.3, outputs=("alpha", "q", "nz", "theta"))
+    one = certain(altered(record, theta=lambda v: DEGREES * v))
+    assert (one.channel, one.kind) == ("theta", Kind.UNIT)
+
+
+def test_az_is_told_under_its_own_name(sound: Record) -> None:
+    az = Channel.of("az", "m/s2", G0 * sound["nz"].values)
+    one = certain(Record(sound.time, sound.inputs, (sound["alpha"], sound["q"], az)))
+    assert (one.channel, one.kind) == ("az", Kind.SIGN) and "nz" not in one.sentence
+
+
+@pytest.mark.parametrize("outputs", [("alpha", "q"), ("q", "nz")])
+def test_two_channels_suffice_with_what_the_control_does(outputs: tuple[str, ...]) -> None:
+    record = flight(np.random.default_rng(24), outputs=outputs)
+    assert inspect(record, CRAFT.expected) == ()
+    for channel in outputs:
+        one = certain(altered(record, **{channel: np.negative}))
+        assert one.kind is Kind.SIGN and channel in f"{one.channel} {one.sentence}"
+
+
+def test_milliseconds_for_seconds_are_certain(sound: Record) -> None:
+    one = certain(altered(sound, time=lambda t: 1000.0 * t))
+    assert (one.channel, one.kind) == ("time", Kind.TIME_BASE) and "time [ms]" in one.remedy
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 4.0])
+def test_a_clock_at_a_multiple_of_its_rate_is_noticed(sound: Record, factor: float) -> None:
+    (one,) = inspect(altered(sound, time=lambda t: factor * t), CRAFT.expected)
+    assert (one.channel, one.kind) == ("time", Kind.TIME_BASE)
+    assert one.numbers["factor"].value == pytest.approx(1.0 / factor, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        lambda r: altered(r, time=lambda t: 1.1 * t),
+        lambda r: altered(r, alpha=lambda v: 1.3 * v),
+        lambda r: altered(r, q=lambda v: 0.8 * v),
+        lambda r: altered(r, nz=lambda v: 0.7 * v),
+        lambda r: altered(r, alpha=lambda v: np.concatenate([np.full(8, v[0]), v[:-8]])),
+        lambda r: altered(r, q=lambda v: np.concatenate([np.full(8, v[0]), v[:-8]])),
+        lambda r: altered(r, alpha=lambda v: v - 8.0 / CRAFT.airspeed * r["q"].values),
+        lambda r: altered(r, nz=lambda v: v - 1.0 + 0.02 * r.time),
+        lambda r: altered(r, elevator=lambda v: 0.5 * v),
+    ],
+)
+def test_effects_of_sensors_are_left_to_the_fit(sound: Record, effect: object) -> None:
+    assert callable(effect)
+    smooth = flight(None, CRAFT)  # the shift of a noisy channel would be a run of its first sample
+    assert [one for one in inspect(effect(smooth), CRAFT.expected) if one.certainty is Certainty.CERTAIN] == []
+
+
+def test_nothing_is_asked_where_nothing_moves_or_nothing_is_known() -> None:
+    resting = flight(np.random.default_rng(25), kind="rest")
+    assert inspect(resting, CRAFT.expected) == ()
+    turned = altered(flight(np.random.default_rng(25)), elevator=np.negative)
+    assert inspect(turned, Expectations(CRAFT.airspeed)) == ()
+    rough = flight(np.random.default_rng(26), kind="rest", gust=0.01)
+    assert inspect(rough, CRAFT.expected) == ()
+
+
+def test_the_power_of_the_control_is_that_of_the_equations(sound: Record) -> None:
+    columns = columns_of(sound, CRAFT.expected)
+    assert columns is not None and max(disagreement(columns).values()) < 0.05
+    found = control_power(columns)
+    assert found is not None and found.explained > 0.95
+    assert found.value == pytest.approx(CRAFT.power, rel=0.15)
