@@ -146,4 +146,4 @@ def exchanged(record: Record, first: str, second: str) -> Record:
 
 def rounded(record: Record, **bits: float) -> Record:
     """Channels on the grid of a converter with these least bits."""
-    return altered(record, **{name: lambda v, bit=bit: bit * np.round(v / bit) for name, bit in bits.items()})  # type: ignore[misc]
+    return altered(record, **{name: lambda v, bit=bit: bit * np.round(v / bit) for name, bit in bits.items()})
