@@ -126,15 +126,17 @@ def _accepted(
         child = children.get(place)
         others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > thresholds.COLLINEAR)
         ledger = ledger.told(evidence=[_candidate(number, fitted, finding, child, others)])
-        if child is None or gain(fitted, child, ledger.problem.settings.accept) <= ledger.problem.settings.accept:
+        # A child before may have shown a better optimum of the set without it: its score is lowered once, not by every child that finds it.
+        parent = ledger.known(fitted)
+        if child is None or gain(parent, child, ledger.problem.settings.accept) <= ledger.problem.settings.accept:
             continue
         if not stands_out_somewhere(child, finding.effect):
             # What it brought is a better optimum of the set without it.
-            ledger, better = fit(ledger, fitted.effects, child)
-            if better is not None and better.fit.cost < fitted.fit.cost:
-                ledger = ledger.kept(better, ledger.score(fitted) - 2.0 * (fitted.fit.cost - better.fit.cost))
+            ledger, better = fit(ledger, parent.effects, child)
+            if better is not None and better.fit.cost < parent.fit.cost:
+                ledger = ledger.kept(better, ledger.score(parent) - 2.0 * (parent.fit.cost - better.fit.cost))
             continue
-        ledger, taken = _taken(ledger, fitted, child, finding.effect, exactly=fitted.fit.cost - child.fit.cost > thresholds.RIVAL * most)
+        ledger, taken = _taken(ledger, parent, child, finding.effect, exactly=fitted.fit.cost - child.fit.cost > thresholds.RIVAL * most)
         if taken is not None:
             accepted.append(taken)
     return ledger, accepted

@@ -7,7 +7,7 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.screening.score_test import Finding
-from ident.tracing.selection.expansion import _from_child, best_fit, near_absence
+from ident.tracing.selection.expansion import _accepted, _from_child, best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -60,3 +60,19 @@ def test_a_parent_is_fitted_again_where_its_child_knows_a_better_optimum_and_onl
     ledger = Ledger(problem).kept(root, root.criterion).kept(good, 1000.0)
     after, parent = _from_child(ledger, good, child)
     assert parent is good and after.models == ledger.models and after.scores == ledger.scores
+
+
+def test_children_that_know_the_same_better_optimum_of_their_parent_lower_its_score_once() -> None:
+    scale, other = SensorScale("nz"), SensorScale("alpha")
+    problem = problem_of([planted([PULSE, scale, other], {**RIGHT, "sensor-scale:nz.scale": 1.2, "sensor-scale:alpha.scale": 1.1})])
+    root = fit_of(problem)
+    astray = fit_of(problem, [PULSE], root, WRONG)
+    starts = ({**RIGHT, "sensor-scale:nz.scale": 1.2}, {**RIGHT, "sensor-scale:alpha.scale": 1.1})
+    effects = (scale, other)
+    children = {place: fit_of(problem, [PULSE, effect], root, start) for place, (effect, start) in enumerate(zip(effects, starts, strict=True))}
+    findings = [Finding(effect, 50.0, 1, (start,), (50.0,), np.ones(1)) for effect, start in zip(effects, starts, strict=True)]
+    ledger = Ledger(problem).kept(root, root.criterion).kept(astray, 1000.0)
+    after, accepted = _accepted(ledger, astray, 2, findings, children)
+    parent = after.known(astray)
+    assert accepted and parent.fit.cost < astray.fit.cost - 5.0
+    assert after.score(parent) == pytest.approx(1000.0 - 2.0 * (astray.fit.cost - parent.fit.cost))
