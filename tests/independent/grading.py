@@ -1,0 +1,111 @@
+"""What an answer is worth: told right, noticed, missed, a false claim, or an alarm about nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+HARMLESS = "phugoid"  # every aircraft that exchanges speed and height has it, beside whatever else is wrong
+
+
+class Grade(Enum):
+    """The worth of one answer, best first."""
+
+    RIGHT = "right"
+    NOTICED = "noticed"
+    MISSED = "missed"
+    ALARM = "alarm"
+    FALSE = "FALSE"
+    BROKEN = "BROKEN"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What was put in, as the truth file has it: names that say it, names that it cannot be told from, columns that it spoils."""
+
+    name: str
+    right: frozenset[str] = frozenset()
+    twins: frozenset[str] = frozenset()
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How the command ended, what it wrote, and its last words on the error stream."""
+
+    code: int
+    content: Mapping[str, Any]
+    said: str = ""
+
+    @property
+    def claims(self) -> list[Mapping[str, Any]]:
+        """Claimed effects but the phugoid."""
+        effects = self.content.get("effects", [])
+        return [effect for effect in effects if effect.get("claimed", True) and effect["name"] != HARMLESS]
+
+    @property
+    def phugoid(self) -> bool:
+        return any(effect["name"] == HARMLESS and effect.get("claimed", True) for effect in self.content.get("effects", []))
+
+    @property
+    def findings(self) -> list[str]:
+        """What is said of the record itself, one text an entry, in lower case."""
+        record = self.content.get("record", [])
+        entries = record if isinstance(record, list) else [{key: value} for key, value in record.items() if value]
+        return [str(entry).lower() for entry in entries]
+
+    def warned_of(self, words: Sequence[str]) -> bool:
+        """Whether a finding about the record, or a warning, names one of the words."""
+        texts = [*self.findings, *(str(warning).lower() for warning in self.content.get("warnings", []))]
+        return any(word.lower() in text for text in texts for word in words)
+
+
+@dataclass(frozen=True)
+class Graded:
+    grade: Grade
+    why: str
+
+
+def says(claim: Mapping[str, Any], fault: Fault) -> bool:
+    """Whether a claim names the fault, or a twin of it with the fault's name among the alternatives."""
+    others = {str(other["name"] if isinstance(other, Mapping) else other) for other in claim.get("alternatives", [])}
+    return claim["name"] in fault.right or (claim["name"] in fault.twins and bool(others & fault.right))
+
+
+def graded(faults: Sequence[Fault], answer: Answer) -> Graded:
+    """The grade of an answer about a flight with these faults (none, or one named ``nothing``, where nothing was put in).
+
+    A claim that says none of the faults is false, whatever stands beside it. All faults said is right. Nothing claimed is noticed where
+    the command refused, called the flight unexplained, or warned of a column that a fault spoils; else it is missed. Where nothing was
+    put in, no claim is right, and an unexplained or refused flight is an alarm.
+    """
+    real = [fault for fault in faults if fault.name != "nothing"]
+    if answer.code not in (0, 2) or (answer.code == 0 and "verdict" not in answer.content):
+        return Graded(Grade.BROKEN, f"exit code {answer.code}")
+    if answer.code == 2:
+        return Graded(Grade.NOTICED if real else Grade.ALARM, "refused")
+    verdict = str(answer.content["verdict"])
+    wrong = [str(claim["name"]) for claim in answer.claims if not any(says(claim, fault) for fault in real)]
+    if wrong:
+        return Graded(Grade.FALSE, f"{verdict}: {', '.join(wrong)}")
+    named = ", ".join(str(claim["name"]) for claim in answer.claims) or (HARMLESS if answer.phugoid else "no effect")
+    if not real:
+        alarmed = verdict == "unexplained"
+        return Graded(Grade.ALARM if alarmed else Grade.RIGHT, f"{verdict}: {named}")
+    said = [any(says(claim, fault) for claim in answer.claims) for fault in real]
+    if all(said):
+        return Graded(Grade.RIGHT, f"{verdict}: {named}")
+    words = [word for fault in real for word in fault.channels]
+    noticed = any(said) or verdict in ("unexplained", "partial", "ambiguous") or answer.warned_of(words)
+    return Graded(Grade.NOTICED if noticed else Grade.MISSED, f"{verdict}: {named}")
+
+
+def worst_derivative(answer: Answer, true: Mapping[str, float]) -> float:
+    """The largest distance of an estimated derivative from the truth, in its own standard deviations; NaN where none is reported."""
+    after = answer.content.get("parameters", {}).get("after", {})
+    distances = [abs(after[name]["value"] - value) / after[name]["std"] for name, value in true.items() if name in after]
+    return float(np.max(distances)) if distances else float("nan")
