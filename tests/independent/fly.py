@@ -17,11 +17,14 @@ import numpy as np
 from tests.independent.catalogue import FAULTS, FIRST, Planted
 from tests.independent.flight import Flight, Vehicle
 from tests.independent.jsbsim_aircraft import AIRCRAFT, Aircraft, Condition
-from tests.independent.jsbsim_flight import RoughAir, fly, vehicle_of
+from tests.independent.jsbsim_flight import RoughAir, bend_of, fly, vehicle_of
 from tests.independent.maneuvers import Maneuver, tick_for, training, validation
 from tests.independent.recording import EVERY, FINE, USUAL, sampled, write_sheet, write_vehicle
 
 REHEARSED = 0.02  # of full command, in the small motion that tells derivatives and how much elevator the maneuver needs
+MOST_LOST = 1e-3  # of the variance of a load in the small motion
+STRAIGHT = 0.06  # sigmas: over two records of 1200 samples a bend of this size gains 4 in log likelihood, which nobody should see
+SMALLEST = 0.4  # of the full size, below which a maneuver excites too little
 PEAK_LOAD, PEAK_ALPHA = 0.5, np.radians(4.0)  # g and rad from trim, whichever comes first
 HIGH = 25000.0  # ft, from which on JSBSim's table needs a higher class for the same metre per second
 
@@ -42,22 +45,38 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Rehearsed:
-    """An aircraft in a condition: what its vehicle file holds, the maneuvers that suit its short period, and their size."""
+    """An aircraft in a condition: what its vehicle file holds, the maneuvers that suit its short period, and their size.
+
+    ``bend`` is what straight lines leave of the largest maneuver, in standard deviations of nz and q.
+    """
 
     vehicle: Vehicle
-    lost: float
     maneuvers: tuple[Maneuver, Maneuver, Maneuver]
     size: float
+    bend: float
 
 
 def rehearsed(aircraft: Aircraft, condition: Condition) -> Rehearsed:
-    """Fly small twice: once for the derivatives, once with maneuvers of the right length for the size."""
+    """Fly small twice, for the derivatives and for the size; then as asked, and smaller where the tables bend within the maneuver."""
     vehicle, lost = vehicle_of(fly(aircraft, condition, training(0.5)[0], REHEARSED), aircraft.name)
+    if lost > MOST_LOST:
+        raise RuntimeError(f"{aircraft.name} at {condition}: no straight lines even in a small motion, {lost:.1e} of the variance is left")
     tick = tick_for(vehicle.short_period()[0])
     maneuvers = (*training(tick), validation(tick))
     small = fly(aircraft, condition, maneuvers[0], REHEARSED).flight
     load, alpha = (float(np.max(np.abs(values - values[0]))) for values in (small.nz, small.alpha))
-    return Rehearsed(vehicle, lost, maneuvers, REHEARSED * min(PEAK_LOAD / load, PEAK_ALPHA / alpha))
+    size = REHEARSED * min(PEAK_LOAD / load, PEAK_ALPHA / alpha)
+    bend = bend_at(aircraft, condition, maneuvers[0], size, vehicle)
+    if bend > STRAIGHT:
+        # A bend grows with the square of the size.
+        size *= max(SMALLEST, float(np.sqrt(STRAIGHT / bend)))
+        bend = bend_at(aircraft, condition, maneuvers[0], size, vehicle)
+    return Rehearsed(vehicle, maneuvers, size, bend)
+
+
+def bend_at(aircraft: Aircraft, condition: Condition, maneuver: Maneuver, size: float, vehicle: Vehicle) -> float:
+    load, rate = bend_of(fly(aircraft, condition, maneuver, size), vehicle)
+    return max(load / USUAL["nz"], rate / USUAL["q"])
 
 
 def flown(aircraft: Aircraft, condition: Condition, ready: Rehearsed, seed: int | None) -> list[Flight]:
@@ -70,6 +89,7 @@ def flown(aircraft: Aircraft, condition: Condition, ready: Rehearsed, seed: int 
 def write_flight(
     folder: Path,
     vehicle: Vehicle,
+    bend: float,
     flights: Sequence[Flight],
     faults: Sequence[tuple[Planted, float]],
     how: Recording,
@@ -77,7 +97,7 @@ def write_flight(
 ) -> None:
     """Two training records, one to predict, the vehicle file, and beside them the truth, which no one but the examiner opens.
 
-    ``faults`` with their sizes, the first nearest to the physics.
+    ``faults`` with their sizes, the first nearest to the physics; ``bend`` of lift and moment in the calm maneuver, in standard deviations.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sigma = FINE if how.fine else USUAL
@@ -100,6 +120,7 @@ def write_flight(
             for one, much in faults
         ],
         "derivatives": vehicle.derivatives,
+        "bend": bend,
         "seed": seed,
         "rate": how.rate,
         "channels": list(how.channels),
@@ -116,10 +137,10 @@ def fly_aircraft(out: Path, aircraft: Aircraft, faults: Sequence[Planted], seed:
             folder = out / f"{aircraft.name}-{number + 1}-{fault.name}"
             size = fault.drawn(np.random.default_rng([seed, zlib.crc32(folder.name.encode()), 1]))
             if fault.rough_air:
-                flights = flown(aircraft, condition, ready, seed=1000 * seed + 10)
+                flights = flown(aircraft, condition, ready, seed=100_000 * seed + zlib.crc32(folder.name.encode()) % 99_991)
             else:
                 flights = calm = calm or flown(aircraft, condition, ready, None)
-            write_flight(folder, ready.vehicle, flights, [(fault, size)], how, seed)
+            write_flight(folder, ready.vehicle, ready.bend, flights, [(fault, size)], how, seed)
             print(f"{folder.name}: {size:.4g} {fault.unit}", flush=True)
 
 

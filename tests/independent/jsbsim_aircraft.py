@@ -1,4 +1,5 @@
-"""The aircraft that JSBSim flies here, each in two conditions in which its own trim finds level flight and 20 s of it stay level."""
+"""The aircraft that JSBSim flies here, each in two conditions in which its own trim finds level flight that stays level
+and the tables of lift and moment are nearly straight: a kink within the maneuver would be a true nonlinearity that nobody put in."""
 
 from __future__ import annotations
 
@@ -37,19 +38,15 @@ def at(*both: tuple[float, float]) -> tuple[Condition, Condition]:
 PUSHBACK = tuple(f"/sim/model/pushback/{name}" for name in ("position-norm", "kp", "ki", "kd", "force", "target-speed-fps"))
 
 _ALL = (
-    Aircraft("A320", at((20000, 290), (35000, 250))),
+    Aircraft("A320", at((20000, 290), (30000, 280))),
     Aircraft("MD11", at((20000, 300), (33000, 280))),
-    Aircraft("787-8", at((20000, 290), (37000, 255))),
-    Aircraft("fokker100", at((15000, 250), (30000, 240)), needs=("/gear/gear/wow", *PUSHBACK)),
+    Aircraft("fokker100", at((15000, 210), (25000, 200)), needs=("/gear/gear/wow", *PUSHBACK)),
     Aircraft("F4N", at((15000, 350), (30000, 300))),
     # The stabilator of the T-38 is given in parts of its travel, 17 degrees leading edge down.
     Aircraft("T38", at((15000, 300), (30000, 280)), surface="fcs/elevator-pos-norm", surface_scale=0.297),
-    Aircraft("T37", at((8000, 180), (20000, 180))),
-    Aircraft("f15", at((15000, 350), (30000, 300))),
     Aircraft("f104", at((20000, 400), (30000, 350)), needs=("systems/radar/range",)),
-    Aircraft("OV10", at((5000, 160), (12000, 160)), propeller=True),
+    Aircraft("OV10", at((5000, 200), (10000, 190)), propeller=True),
     Aircraft("t6texan2", at((8000, 200), (18000, 180)), propeller=True),
-    Aircraft("J3Cub", at((2000, 60), (5000, 60)), propeller=True),
     Aircraft("Concorde", at((20000, 380), (30000, 350))),
 )
 

@@ -57,8 +57,8 @@ def trimmed(aircraft: Aircraft, condition: Condition) -> Any:
     machine["ic/h-sl-ft"], machine["ic/vc-kts"], machine["ic/gamma-deg"] = condition.altitude, condition.speed, 0.0
     machine["gear/gear-cmd-norm"] = machine["gear/gear-pos-norm"] = 0.0
     machine.run_ic()
-    machine["propulsion/set-running"] = -1
     machine["propulsion/fuel_freeze"] = 1
+    machine["propulsion/set-running"] = -1
     for engine in range(4):
         machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = 0.6, 0.87
     machine.do_trim(1)
@@ -154,3 +154,19 @@ def vehicle_of(motion: Motion, name: str) -> tuple[Vehicle, float]:
         lost = max(lost, float(np.var(load - matrix @ found) / np.var(load)))
         derivatives |= {f"{letter}_{symbol}": float(value) for symbol, value in zip(("alpha", "q", "de"), found, strict=False)}
     return Vehicle(name, motion.mass, area, motion.chord, motion.pitch_inertia, speed, motion.air_density, derivatives), lost
+
+
+def bend_of(motion: Motion, vehicle: Vehicle) -> tuple[float, float]:
+    """What straight lift and moment lines leave of a motion: rms of nz (g), and of pitch rate (rad/s, moment over the short period).
+
+    The lines go over alpha, q and elevator at the dynamic pressure of the moment, and airspeed. What is left is the bend of the
+    tables and whatever else the rigid model with a phugoid cannot be.
+    """
+    flight = motion.flight
+    speed = flight.airspeed
+    pressure = (speed / speed[0]) ** 2
+    columns = [flight.alpha * pressure, flight.q * speed / speed[0], flight.elevator * pressure, pressure, speed, np.ones(len(speed))]
+    matrix = np.stack(columns, axis=1)
+    loads = (motion.lift / (motion.mass * G0), motion.moment / motion.pitch_inertia)
+    load, acceleration = (float(np.std(values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0])) for values in loads)
+    return load, acceleration / max(vehicle.short_period()[0], 1.0)
