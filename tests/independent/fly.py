@@ -6,7 +6,6 @@ python -m tests.independent.fly OUT --aircraft A320 T38 --fault nothing late-alp
 from __future__ import annotations
 
 import argparse
-import json
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +15,11 @@ import numpy as np
 
 from tests.independent.catalogue import FAULTS, FIRST, Planted
 from tests.independent.flight import Flight, Vehicle
+from tests.independent.folders import Recording, write_flight
 from tests.independent.jsbsim_aircraft import AIRCRAFT, Aircraft, Condition
 from tests.independent.jsbsim_flight import RoughAir, bend_of, fly, vehicle_of
 from tests.independent.maneuvers import Maneuver, tick_for, training, validation
-from tests.independent.recording import EVERY, FINE, USUAL, sampled, write_sheet, write_vehicle
+from tests.independent.recording import EVERY, USUAL
 
 REHEARSED = 0.02  # of full command, in the small motion that tells derivatives and how much elevator the maneuver needs
 MOST_LOST = 1e-3  # of the variance of a load in the small motion
@@ -32,15 +32,6 @@ HIGH = 25000.0  # ft, from which on JSBSim's table needs a higher class for the 
 def severity_at(altitude: float) -> int:
     """JSBSim's class of exceedance that gives about 1 m/s of rough air: the same class is three times calmer at 30 000 ft than at 15 000."""
     return 5 if altitude > HIGH else 3
-
-
-@dataclass(frozen=True)
-class Recording:
-    """How a flight is recorded: samples a second, output columns, standard deviations."""
-
-    rate: float = 50.0
-    channels: tuple[str, ...] = ("alpha", "q", "nz")
-    fine: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,48 +75,6 @@ def flown(aircraft: Aircraft, condition: Condition, ready: Rehearsed, seed: int 
     severity = severity_at(condition.altitude)
     airs = [None if seed is None else RoughAir(severity, seed + part) for part in range(len(ready.maneuvers))]
     return [fly(aircraft, condition, maneuver, ready.size, air).flight for maneuver, air in zip(ready.maneuvers, airs, strict=True)]
-
-
-def write_flight(
-    folder: Path,
-    vehicle: Vehicle,
-    bend: float,
-    flights: Sequence[Flight],
-    faults: Sequence[tuple[Planted, float]],
-    how: Recording,
-    seed: int,
-) -> None:
-    """Two training records, one to predict, the vehicle file, and beside them the truth, which no one but the examiner opens.
-
-    ``faults`` with their sizes, the first nearest to the physics; ``bend`` of lift and moment in the calm maneuver, in standard deviations.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    sigma = FINE if how.fine else USUAL
-    rng = np.random.default_rng([seed, zlib.crc32(folder.name.encode())])
-    for stem, flight in zip(("train", "train_2", "validate"), flights, strict=True):
-        sheet_faults = []
-        for fault, much in faults:
-            act, on_sheet = fault.make(much, rng)
-            flight = act(flight)
-            sheet_faults.append(on_sheet)
-        sheet = sampled(flight, how.rate, how.channels, sigma, rng)
-        for on_sheet in sheet_faults:
-            sheet = on_sheet(sheet)
-        write_sheet(folder / f"{stem}.csv", sheet)
-    write_vehicle(folder / "vehicle.toml", vehicle, rng)
-    truth = {
-        "vehicle": vehicle.name,
-        "faults": [
-            {"name": one.name, "size": much, "unit": one.unit, "right": sorted(one.right), "twins": sorted(one.twins), "channels": list(one.channels)}
-            for one, much in faults
-        ],
-        "derivatives": vehicle.derivatives,
-        "bend": bend,
-        "seed": seed,
-        "rate": how.rate,
-        "channels": list(how.channels),
-    }
-    (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
 
 
 def fly_aircraft(out: Path, aircraft: Aircraft, faults: Sequence[Planted], seed: int, how: Recording) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 HARMLESS = "phugoid"  # every aircraft that exchanges speed and height has it, beside whatever else is wrong
+QUIET = ("nothing", "phugoid")  # faults that are none: a flight with one of these needs no name
 
 
 class Grade(Enum):
@@ -43,13 +44,8 @@ class Answer:
 
     @property
     def claims(self) -> list[Mapping[str, Any]]:
-        """Claimed effects but the phugoid."""
-        effects = self.content.get("effects", [])
-        return [effect for effect in effects if effect.get("claimed", True) and effect["name"] != HARMLESS]
-
-    @property
-    def phugoid(self) -> bool:
-        return any(effect["name"] == HARMLESS and effect.get("claimed", True) for effect in self.content.get("effects", []))
+        """Claimed effects."""
+        return [effect for effect in self.content.get("effects", []) if effect.get("claimed", True)]
 
     @property
     def findings(self) -> list[str]:
@@ -79,29 +75,27 @@ def says(claim: Mapping[str, Any], fault: Fault) -> bool:
 def graded(faults: Sequence[Fault], answer: Answer) -> Graded:
     """The grade of an answer about a flight with these faults (none, or one named ``nothing``, where nothing was put in).
 
-    A claim that says none of the faults is false, whatever stands beside it. All faults said is right. Nothing claimed is noticed where
-    the command refused, called the flight unexplained, or warned of a column that a fault spoils; else it is missed. Where nothing was
-    put in, no claim is right, and an unexplained or refused flight is an alarm.
+    A claim but the phugoid that says none of the faults is false, whatever stands beside it. All faults said is right. Otherwise it is
+    noticed where one of several faults is said, the command refused, it called the flight unexplained, partial or ambiguous, or
+    it warned of a column that a fault spoils; else missed. Where nothing was put in, no claim is right, and unexplained or refused an alarm.
     """
-    real = [fault for fault in faults if fault.name != "nothing"]
+    real = [fault for fault in faults if fault.name not in QUIET]
     if answer.code not in (0, 2) or (answer.code == 0 and "verdict" not in answer.content):
         return Graded(Grade.BROKEN, f"exit code {answer.code}")
     if answer.code == 2:
-        return Graded(Grade.NOTICED if real else Grade.ALARM, "refused")
+        return Graded(Grade.NOTICED if real else Grade.ALARM, f"refused: {answer.said}")
     verdict = str(answer.content["verdict"])
-    wrong = [str(claim["name"]) for claim in answer.claims if not any(says(claim, fault) for fault in real)]
-    if wrong:
-        return Graded(Grade.FALSE, f"{verdict}: {', '.join(wrong)}")
-    named = ", ".join(str(claim["name"]) for claim in answer.claims) or (HARMLESS if answer.phugoid else "no effect")
+    why = f"{verdict}: {', '.join(str(claim['name']) for claim in answer.claims) or 'no effect'}"
+    if any(claim["name"] != HARMLESS and not any(says(claim, fault) for fault in real) for claim in answer.claims):
+        return Graded(Grade.FALSE, why)
     if not real:
-        alarmed = verdict == "unexplained"
-        return Graded(Grade.ALARM if alarmed else Grade.RIGHT, f"{verdict}: {named}")
+        return Graded(Grade.ALARM if verdict == "unexplained" else Grade.RIGHT, why)
     said = [any(says(claim, fault) for claim in answer.claims) for fault in real]
     if all(said):
-        return Graded(Grade.RIGHT, f"{verdict}: {named}")
+        return Graded(Grade.RIGHT, why)
     words = [word for fault in real for word in fault.channels]
     noticed = any(said) or verdict in ("unexplained", "partial", "ambiguous") or answer.warned_of(words)
-    return Graded(Grade.NOTICED if noticed else Grade.MISSED, f"{verdict}: {named}")
+    return Graded(Grade.NOTICED if noticed else Grade.MISSED, why)
 
 
 def worst_derivative(answer: Answer, true: Mapping[str, float]) -> float:
