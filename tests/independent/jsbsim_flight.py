@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ FINE = 400.0  # Hz: a multiple of every sample rate that is used
 FOOT, SLUG = 0.3048, 14.59390293720636
 POUND = SLUG * FOOT  # N in a pound force
 BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.5, 0.3, 0.4  # of the pilot who holds the wings level: per rad, per rad/s, of full travel
+ADAMS_BASHFORTH = 3  # JSBSim's number of the integrator of second order; its own choice for rotation, Euler's, has q half a step late
 MILSPEC = 3  # JSBSim's Dryden turbulence after MIL-F-8785C
 
 AVAILABLE = importlib.util.find_spec("jsbsim") is not None
@@ -48,7 +50,8 @@ class Motion:
 def trimmed(aircraft: Aircraft, condition: Condition) -> Any:
     """The simulator with the aircraft in level unaccelerated flight, gear up, engines running, fuel frozen. RuntimeError where it is not."""
     os.environ.setdefault("JSBSIM_DEBUG", "0")
-    machine = importlib.import_module("jsbsim").FGFDMExec(None)
+    package = importlib.import_module("jsbsim")
+    machine = package.FGFDMExec(str(Path(str(package.__file__)).parent))
     machine.set_debug_level(0)
     for name in aircraft.needs:
         machine[name] = 0.0
@@ -57,6 +60,7 @@ def trimmed(aircraft: Aircraft, condition: Condition) -> Any:
     machine["ic/h-sl-ft"], machine["ic/vc-kts"], machine["ic/gamma-deg"] = condition.altitude, condition.speed, 0.0
     machine["gear/gear-cmd-norm"] = machine["gear/gear-pos-norm"] = 0.0
     machine.run_ic()
+    machine["simulation/integrator/rate/rotational"] = machine["simulation/integrator/position/rotational"] = ADAMS_BASHFORTH
     machine["propulsion/fuel_freeze"] = 1
     machine["propulsion/set-running"] = -1
     for engine in range(4):
