@@ -40,11 +40,12 @@ def bad(outcomes: Sequence[Outcome], *grades: Grade) -> list[str]:
     return [f"{outcome.flight}: {outcome.graded.grade.value}, {outcome.graded.why}" for outcome in outcomes if outcome.graded.grade in grades]
 
 
-def test_a_late_vane_is_told_beside_the_phugoid_and_degrees_are_refused(tmp_path: Path) -> None:
-    asked = [Case("jet", "late-alpha", "large"), Case("jet", "alpha-degrees", "small")]
-    late, degrees = outcomes_of([write_case(tmp_path, case, Recording(), SEED) for case in asked], tmp_path / "studies")
+def test_a_phugoid_a_late_vane_and_degrees_are_told(tmp_path: Path) -> None:
+    asked = [Case("trainer", "nothing", "small"), Case("fighter", "late-alpha", "large"), Case("jet", "alpha-degrees", "small")]
+    clean, late, degrees = outcomes_of([write_case(tmp_path, case, Recording(), SEED) for case in asked], tmp_path / "studies")
+    assert clean.graded.grade is Grade.RIGHT, clean
     assert late.graded.grade is Grade.RIGHT, late
-    assert late.worst < FEW_SIGMAS
+    assert max(clean.worst, late.worst) < FEW_SIGMAS
     assert degrees.graded.grade is Grade.NOTICED, degrees
 
 
