@@ -23,7 +23,7 @@ class Planted:
 
     ``sizes`` are the smallest and the largest of the kind in ``unit``. ``right`` are effect names that say it; ``twins`` are names that the
     same record also bears exactly or nearly so, right only where one of ``right`` stands among their alternatives. ``channels`` are
-    the words by which a warning can name it: the columns that it spoils. ``either_sign`` lets a drawn size be negative.
+    the words by which a warning can name it: the columns that it spoils, or others where it spoils none. ``either_sign`` lets a drawn size be negative.
     """
 
     name: str
@@ -111,7 +111,7 @@ ON_SIGNALS = (
     _on_signals("q-zero-step", "3 10 sigma", _stepped("q", 0.4), "q", "sensor-step:q"),
     _on_signals("nz-drift", "0.001 0.004 g/s", partial(injected.drifting, "nz"), "nz", "sensor-drift:nz", either=True),
     _on_signals("alpha-held", "0.08 0.20 s", partial(injected.held, "alpha"), "alpha", "sensor-hold:alpha", "sensor-delay:alpha"),
-    _on_signals("clock-fast", "0.05 0.15 part", _clock, "time clock", "time-base"),
+    _on_signals("clock-fast", "0.05 0.15 part", _clock, "time_base clock", "time-base"),
 )
 IN_THE_FILE = (
     _in_the_file("q-held-lower", "3 8 rows", lambda size, rng: recorder.held_lower("q", round(size)), "q", "sensor-hold:q", "sensor-delay:q"),
@@ -119,7 +119,7 @@ IN_THE_FILE = (
     _in_the_file("nz-clipped", "0.10 0.25 part", lambda size, rng: recorder.clipped("nz", size), "nz"),
     _in_the_file("alpha-coarse", "3 10 sigma", lambda size, rng: recorder.coarse("alpha", size * USUAL["alpha"]), "alpha"),
     _in_the_file("q-zero-runs", "0.5 1.5 s", lambda size, rng: recorder.zero_runs("q", 3.0, size), "q"),
-    _in_the_file("rows-missing", "0.5 2 s", lambda size, rng: recorder.rows_missing(3.5, size), "time row sample"),
+    _in_the_file("rows-missing", "0.5 2 s", lambda size, rng: recorder.rows_missing(3.5, size), "rows gap gaps missing"),
     _in_the_file(
         "alpha-step-in-file", "4 12 sigma", lambda size, rng: recorder.zero_step("alpha", 11.0, size * USUAL["alpha"]), "alpha", "sensor-step:alpha"
     ),
@@ -130,7 +130,7 @@ IN_THE_FILE = (
     *(_in_the_file(f"{name}-turned", "", _always(recorder.sign_turned(name)), name) for name in ("alpha", "q", "nz", "elevator")),
     _in_the_file("alpha-q-exchanged", "", _always(recorder.exchanged("alpha", "q")), "alpha q"),
     _in_the_file("alpha-elevator-exchanged", "", _always(recorder.exchanged("alpha", "elevator")), "alpha elevator"),
-    _in_the_file("time-base-wrong", "0.10 1.0 part", lambda size, rng: recorder.time_base(1.0 + size), "time", "time-base"),
+    _in_the_file("time-base-wrong", "0.10 1.0 part", lambda size, rng: recorder.time_base(1.0 + size), "time_base clock", "time-base"),
 )
 FAULTS = {one.name: one for one in (*ON_SIGNALS, *IN_THE_FILE)}
 FIRST = ("nothing", "late-alpha", "vane-ahead", "q-scale", "late-surface", "accelerometer-ahead", "rough-air")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -55,9 +56,10 @@ class Answer:
         return [str(entry).lower() for entry in entries]
 
     def warned_of(self, words: Sequence[str]) -> bool:
-        """Whether a finding about the record, or a warning, names one of the words."""
+        """Whether a finding about the record, or a warning, names one of the words (an underscore stands for a blank)."""
         texts = [*self.findings, *(str(warning).lower() for warning in self.content.get("warnings", []))]
-        return any(word.lower() in text for text in texts for word in words)
+        forms = [re.compile(rf"\b{re.escape(word.lower().replace('_', ' '))}\b") for word in words]
+        return any(form.search(text) for text in texts for form in forms)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from tests.independent.grading import Answer, Fault, Grade, Graded, graded, wors
 NOTHING = Fault("nothing")
 LATE = Fault("late-alpha", frozenset({"sensor-delay:alpha", "sensor-lag:alpha"}), frozenset({"vane-offset"}), ("alpha",))
 SCALE = Fault("q-scale", frozenset({"sensor-scale:q"}), channels=("q",))
+CLOCK = Fault("clock-fast", frozenset({"time-base"}), channels=("time_base", "clock"))
 SLOWER = Fault("deceleration", frozenset({"speed-variation", "phugoid"}))
 
 
@@ -53,6 +54,10 @@ VANE_OR_DELAY = claim("vane-offset", "sensor-lag:alpha")
         ([LATE], answer("consistent", warnings=["few samples"]), Grade.MISSED),
         ([LATE], answer("consistent", record=[{"channel": "alpha", "finding": "stuck"}]), Grade.NOTICED),
         ([LATE], answer("consistent", record=[{"channel": "nz", "finding": "stuck"}]), Grade.MISSED),
+        ([SCALE], answer("consistent", warnings=["power at a low frequency of nz"]), Grade.MISSED),
+        ([SCALE], answer("consistent", warnings=["power at 2 Hz in q"]), Grade.NOTICED),
+        ([CLOCK], answer("consistent", warnings=["at the time 3 s nz jumps"]), Grade.MISSED),
+        ([CLOCK], answer("consistent", record=[{"finding": "the time base disagrees with the kinematics"}]), Grade.NOTICED),
         ([LATE, SCALE], answer("traced", DELAY, claim("sensor-scale:q")), Grade.RIGHT),
         ([LATE, SCALE], answer("partial", DELAY), Grade.NOTICED),
         ([LATE, SCALE], answer("traced", DELAY), Grade.NOTICED),
