@@ -22,8 +22,9 @@ class Planted:
     """A kind of fault.
 
     ``sizes`` are the smallest and the largest of the kind in ``unit``. ``right`` are effect names that say it; ``twins`` are names that the
-    same record also bears exactly or nearly so, right only where one of ``right`` stands among their alternatives. ``channels`` are
-    the words by which a warning can name it: the columns that it spoils, or others where it spoils none. ``either_sign`` lets a drawn size be negative.
+    same record also bears exactly or nearly so, right only where one of ``right`` stands among their alternatives.
+    ``channels`` are the words by which a warning can name it: the columns that it spoils, or others where it spoils none.
+    ``either_sign`` lets a drawn size be negative.
     """
 
     name: str
