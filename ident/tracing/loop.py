@@ -105,8 +105,8 @@ class Declared:
 class Found:
     """What a search ends with.
 
-    ``base`` : the declared model with what any record may have, where the best set has it. ``partial`` : effects that replicate, None where none does; ``asked``
-    whether that was asked.
+    ``base`` : the declared model with what any record may have, where the best set has it. ``partial`` : effects that replicate, None where
+    none does; ``asked`` whether that was asked.
     """
 
     ledger: Ledger

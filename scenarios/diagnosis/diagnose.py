@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
 from ident.tracing.settings import TraceSettings
 from scenarios.diagnosis.candidates import candidates_for, read_effects
+from scenarios.diagnosis.input_reading import moves_between_samples, read_again
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
@@ -24,7 +25,7 @@ from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
 from sim.errors import DeclarationError, RecordError
-from sim.record import Record
+from sim.record import Hold, Record
 
 if TYPE_CHECKING:
     from scenarios.files.channels import ColumnChoice
@@ -142,6 +143,10 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     run = trace or _loop()
     guards = guards_for(posed.model.equations)
     diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
+    if _may_read_again(opened, request.plan) and moves_between_samples(diagnosis, candidates, posed.records):
+        linear = _posed(opened, replace(request.plan, hold=Hold.LINEAR))
+        posed = replace(linear, notes=read_again(linear.notes))
+        diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,
@@ -159,6 +164,11 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
         posed.look,
     )
+
+
+def _may_read_again(opened: _Opened, plan: Plan) -> bool:
+    """Whether nobody said how inputs are to be read between samples."""
+    return plan.hold is None and not any(file.sidecar.says_hold for file in (*opened.records, *opened.validation))
 
 
 def _loop() -> Trace:

@@ -38,6 +38,8 @@ class Traits:
     within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
     recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
+    within_interval : local name of a time that, where it is shorter than the sampling interval, tells how inputs are to be read between
+        samples, and no more.
     background : True for motion that any real record may have whatever else is wrong: it is offered before all others, and where it is
         significant it belongs to the model of every candidate.
     """
@@ -56,4 +58,5 @@ class Traits:
     within: tuple[str, ...] = ()
     wrong_samples_of: str = ""
     recorded_as: str = ""
+    within_interval: str = ""
     background: bool = False

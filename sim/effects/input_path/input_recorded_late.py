@@ -43,6 +43,7 @@ class InputRecordedLate:
         short_name="input recorded late",
         twins=("input-delay",),
         plausible={"delay": (0.0, 0.4)},
+        within_interval="delay",
     )
     explanation: ClassVar[str] = (
         "The channel of the input is slower than the others: u_record(t) = u_vehicle(t - delay), so that the vehicle gets u_record(t + delay), "

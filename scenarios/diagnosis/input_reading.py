@@ -1,0 +1,31 @@
+"""Inputs that run ahead of the aircraft by part of a sample were read as held although they move between samples: they are read again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.tracing.diagnosis import Diagnosis
+from sim.declaration.proposal import Traceable
+from sim.record import Hold, Record
+
+BY_HAND = "chosen by hand"
+READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
+
+
+def moves_between_samples(diagnosis: Diagnosis, candidates: Sequence[Traceable], records: Sequence[Record]) -> bool:
+    """Whether something that was found says no more than how held inputs are to be read between their samples.
+
+    A held input stands half an interval behind the one that moves on: a time of that kind below one interval is no fault of a recorder.
+    """
+    if any(record.hold is not Hold.PREVIOUS for record in records):
+        return False
+    interval = max(float(np.median(np.diff(record.time))) for record in records)
+    times = {effect.name: effect.traits.within_interval for effect in candidates if effect.traits.within_interval}
+    return any(found.name in times and found.parameters[times[found.name]].value < interval for found in diagnosis.effects)
+
+
+def read_again(notes: Sequence[str]) -> tuple[str, ...]:
+    """The sentences on a second reading, which no one chose by hand."""
+    return tuple(note.replace(BY_HAND, READ_AGAIN) for note in notes)
