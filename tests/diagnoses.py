@@ -107,6 +107,7 @@ def proven_tracing(tests: tuple[ResidualTest, ...] = ()) -> Tracing:
     """A late angle of attack that stands: three records fitted, and one that was used to choose."""
     tracing = tracing_of(Verdict.PARTIAL)
     claim = Claim("sensor-lag:alpha", {"time_constant": Quantity(0.061, 0.002, "s")}, ("sensor-delay:alpha", "vane-offset"), evidence=evidence_of())
+    claim = replace(claim, derivatives_under=evidence_of().derivatives)
     d = tracing.diagnosis
     moved = {**d.before, "Cm_q": Quantity(-24.1, 0.9, "1/rad")}, {**d.before, "Cm_q": Quantity(-17.2, 0.4, "1/rad")}
     weighed = replace(d.candidates[2], gain=2.0, remark="the records give different values")

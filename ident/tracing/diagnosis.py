@@ -90,6 +90,7 @@ class Claim:
 
     ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
     ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it was cross-validated.
+    ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
     """
 
     name: str
@@ -99,6 +100,7 @@ class Claim:
     records: tuple[int, ...] = ()
     explanation: str = ""
     evidence: Evidence | None = None
+    derivatives_under: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

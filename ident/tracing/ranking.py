@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
+from ident.tracing.equivalents import are_equivalent, told_by_declared
 from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
@@ -31,7 +32,10 @@ class Choice:
 
 
 def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
-    """Compare the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part."""
+    """Compare the sets of equal size that are near a set, and take the one of lowest criterion over all data that take part.
+
+    Between sets that no data tell apart the declared derivatives choose.
+    """
     settings = ledger.problem.settings
     ledger, best = _without_guard(ledger, best)
     explained = is_white(best, settings.white) and not best.guards
@@ -53,6 +57,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
     totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
     misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    totals = told_by_declared(totals, {key: fitted for key, (fitted, _) in compared.items()})
     chosen, fits = compared[min(totals, key=lambda key: totals[key])]
     if not held.choosing and chosen is not best:
         fits = predicted_by(chosen, held)
@@ -124,13 +129,14 @@ def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOu
 
 
 def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[FittedModel]:
+    mine = frozenset(best.names)
     others = [
         fitted
         for key, fitted in ledger.models.items()
-        if key != frozenset(best.names)
+        if key != mine
         and len(fitted.effects) == len(best.effects)
         and fitted.criterion - best.criterion < within
-        and not key & ledger.problem.guards
+        and (not key & ledger.problem.guards or are_equivalent(best, mine - key, key - mine))
     ]
     return sorted(others, key=lambda fitted: fitted.criterion)[:most]
 
@@ -143,5 +149,7 @@ def _cost(out: HeldOut, held: HeldOutData) -> float:
 
 
 def _one_sensor(best: FittedModel, gone: Key, come: Key) -> bool:
-    """Whether two names are the lag and the delay of one sensor: one late sensor, described twice."""
+    """Whether two names are the lag and the delay of one sensor: one late sensor, described twice, under the same derivatives."""
+    if are_equivalent(best, gone, come):
+        return False
     return any(come.intersection(effect.traits.twins) for effect in best.effects if effect.name in gone)

@@ -43,6 +43,21 @@ def _inflated(claim: Claim, inflation: Mapping[str, float]) -> Claim:
     return replace(claim, evidence=replace(claim.evidence, derivatives=members))
 
 
+def _under_each(ledger: Ledger, best: FittedModel, claim: Claim, under: Mapping[str, Quantity], inflation: Mapping[str, float]) -> Claim:
+    """A claim with the derivatives under its own name and under each alternative in its place, all with sigmas of one kind.
+
+    ``under`` : those of the set that was judged. Those of a group that was cross-validated are in its evidence.
+    """
+    if claim.evidence is not None:
+        return replace(claim, derivatives_under=claim.evidence.derivatives)
+    rest, members = {name for name in best.names if name != claim.name}, {}
+    for name in claim.alternatives:
+        other = ledger.models.get(frozenset({*rest, name}))
+        if other is not None:
+            members[name] = _derivatives(ledger.problem, other, inflation, form_spread(ledger.problem, other))
+    return replace(claim, derivatives_under={claim.name: under, **members}) if members else claim
+
+
 @dataclass(frozen=True, eq=False)
 class Before:
     """The declared model as fitted, its residual tests, and by how much records differ under it."""
@@ -74,11 +89,12 @@ def reported(
         for r, record in enumerate(shown)
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
+    under = _derivatives(problem, best, inflation, form_spread(problem, best))
     return Diagnosis(
         verdict=judgement.verdict,
-        effects=tuple(_inflated(claim, inflation) for claim in judgement.claims),
+        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation) for claim in judgement.claims),
         before=_derivatives(problem, root, before.scatter.inflation),
-        after=_derivatives(problem, best, inflation, form_spread(problem, best)),
+        after=under,
         derived_before=_derived(root, before.scatter.inflation),
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),

@@ -47,6 +47,7 @@ SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not depend on as many sam
 GUARD_TIE = 12.0  # chosen: a guard has to win by more than an addition has to bring (``TraceSettings.accept``), and two more
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative
+DECLARED_DERIVATIVES = 0.3  # of each value, one sigma. fixed by the vehicle file, whose derivatives are possibly 30 % wrong
 ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
 
 # Does an effect lower the error on records that were not fitted? Mean over channels of ln(error).

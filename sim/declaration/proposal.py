@@ -64,11 +64,13 @@ class Probe:
     values : all local parameters. slopes : those by which the outputs are differentiated at ``values``; the columns that
         this gives are the effect's signature. When empty, the signature is the whole change from the effect's absence.
     shifts : True where a later onset only moves the signature along the record, and the same probe therefore stands for all of them.
+    sharp : of one that shifts: a fit moves the onset by a sample at most, and the best place is looked for to the sample.
     """
 
     values: Mapping[str, float]
     slopes: tuple[str, ...] = ()
     shifts: bool = False
+    sharp: bool = False
 
 
 @runtime_checkable

@@ -27,6 +27,9 @@ class Traits:
     short_name : what it is called in such a group; its name when empty.
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
     twins : names of effects that are another description of the same fault of the same sensor: never claimed side by side.
+    equivalents : those of the twins that no record tells apart from it, since other values of the derivatives make up for the difference: a
+        record is explained alike under each, and only the declared derivatives say which is likelier. A guard that has some competes with
+        these alone.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
@@ -49,6 +52,7 @@ class Traits:
     short_name: str = ""
     separating: Mapping[str, str] = field(default_factory=lambda: _NO_MANEUVERS)
     twins: tuple[str, ...] = ()
+    equivalents: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""

@@ -357,7 +357,7 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_guards_stand_apart_from_the_library() -> None:
     names = {case.values[0].name for case in GUARDS}  # type: ignore[union-attr]
     products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
-    assert names == {f"{GUARD}{label}" for label in (*products, *loads, "drag-drift")}
+    assert names == {f"{GUARD}{label}" for label in (*products, *loads, "drag-drift", "vane-behind")}
     assert names.isdisjoint(effect_names())
     assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
     assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))

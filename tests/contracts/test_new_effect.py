@@ -26,7 +26,7 @@ from tests.bases import RIGID_VALUES
 from tests.tracing_problem import planted
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own-effect.md"
-NAME, TRUE = "vane-upwash", 4.0
+NAME, TRUE = "vane-upwash", 0.15
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
@@ -48,7 +48,7 @@ def traced(one_new_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Trac
     effect = find_effect(NAME)
     assert isinstance(effect, Traceable)
     for stem, seed in (("train", 1), ("validate", 2)):
-        record = planted([effect], {f"{NAME}.curvature": TRUE}, seed)
+        record = planted([effect], {f"{NAME}.upwash": TRUE}, seed)
         outputs = tuple(Channel.of(c.name, UNITS[c.name], c.values) for c in record.outputs)
         write_record(folder, replace(record, outputs=outputs, name=f"{stem}.csv"), stem)
     derivatives = {name: value for name, value in RIGID_VALUES.items() if name.startswith(("CL", "Cm"))}
@@ -64,7 +64,7 @@ def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixt
     assert NAME in capsys.readouterr().out
     show_effects(NAME)
     told = capsys.readouterr().out
-    assert "sensor path" in told and "curvature" in told and "plausible -10 to 10" in told
+    assert "sensor path" in told and "upwash" in told and "plausible -1 to 1" in told
 
 
 def test_it_is_screened_and_claimed(traced: Tracing) -> None:
@@ -72,13 +72,13 @@ def test_it_is_screened_and_claimed(traced: Tracing) -> None:
     assert rounds[NAME].fitted and rounds[NAME].plausible
     (claim,) = traced.diagnosis.effects
     assert claim.name == NAME and claim.claimed
-    curvature = claim.parameters["curvature"]
-    assert abs(curvature.value - TRUE) < 4.0 * curvature.std < 1.0
+    upwash = claim.parameters["upwash"]
+    assert abs(upwash.value - TRUE) < 4.0 * upwash.std < 0.05
 
 
 def test_it_is_worded_by_its_own_sentence(traced: Tracing) -> None:
-    assert "the vane reads too much: alpha + (" in diagnosis_text(traced)
-    assert "bent reading leaves it alone" in separating_maneuver("lift-nonlinearity", NAME)
+    assert "the control surface turns the vane: alpha + (" in diagnosis_text(traced)
+    assert "jumps with the surface" in separating_maneuver("vane-offset", NAME)
 
 
 def test_it_is_drawn_and_written(traced: Tracing, tmp_path: Path) -> None:
@@ -89,9 +89,9 @@ def test_it_is_drawn_and_written(traced: Tracing, tmp_path: Path) -> None:
     write_diagnosis(traced, tmp_path / "out")
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
     assert [effect["name"] for effect in content["effects"]] == [NAME]
-    assert content["effects"][0]["sentence"].startswith("the vane reads too much")
+    assert content["effects"][0]["sentence"].startswith("the control surface turns the vane")
     assert (tmp_path / "out" / "evidence.png").is_file() and NAME in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert np.isfinite(content["effects"][0]["parameters"]["curvature"]["std"])
+    assert np.isfinite(content["effects"][0]["parameters"]["upwash"]["std"])
 
 
 def test_without_its_file_nothing_knows_it(one_new_file: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Witness, silent
+from ident.tracing.equivalents import misfit_to_declared
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.score_test import Finding, collinear
@@ -56,10 +57,16 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
     said = {id(item): witness(item.effect.name, own_quantities(item.fitted, item.effect)) for item in equals} if len(equals) > 1 else {}
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
+    # Between those that no record tells apart the declared derivatives choose, which is beyond any witness of the same record.
+    best = min((item for item in equals if item is best or item.effect.name in best.effect.traits.equivalents), key=_from_declared)
     # One and the same signature does as well under another name, too, where only its values by record differ.
     alike = [item for item in results if not item.stands and item.replication.values and _same_trace(item, best) and _as_good(item, best)]
     others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
     return CrossValidatedEffect(best, tuple(others))
+
+
+def _from_declared(item: CrossValidation) -> float:
+    return misfit_to_declared(item.fitted)
 
 
 def _better_guard(guard: CrossValidation, best: CrossValidation) -> bool:

@@ -17,6 +17,7 @@ from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.candidate_model.quantities import implausible
+from ident.tracing.equivalents import guard_is_likelier
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, own_quantities, replicate
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
@@ -24,7 +25,7 @@ from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
 from ident.tracing.screening.score_test import Finding, screen
-from ident.tracing.selection.expansion import near_absence
+from ident.tracing.selection.expansion import near_absence, only_beside_another
 from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import NoiseEffect
@@ -78,11 +79,18 @@ def _weigh_all(flight: Flight, candidates: Sequence[Traceable], fitted: FittedMo
     before = _left_out(flight, fitted)
     if before is None:
         return None
-    findings = _promising(fitted, candidates)
+    findings = _promising(fitted, [candidate for candidate in candidates if not only_beside_another(candidate)])
     guards = [finding for finding in findings if finding.effect.traits.guard]
     tried = [finding for finding in findings if finding not in guards][: thresholds.CANDIDATES_FITTED] + guards[: thresholds.GUARDS_FITTED]
     results = [item for item in (_weigh(flight, fitted, finding, before) for finding in tried) if item is not None]
-    return _Step(fitted, before, findings, results, choose(results, flight.witness))
+    chosen = choose(results, flight.witness)
+
+    def fit(effect: Traceable, start: Mapping[str, float]) -> FittedModel | None:
+        return flight.fit((*fitted.effects, effect), range(len(flight.records)), fitted.values, start)
+
+    if chosen is not None and guard_is_likelier(fitted, chosen.best.effect, chosen.best.fitted, candidates, fit):
+        chosen = None
+    return _Step(fitted, before, findings, results, chosen)
 
 
 def _pair_instead(

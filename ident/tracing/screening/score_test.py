@@ -14,6 +14,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
+from ident.tracing.screening.places import Whitened, added_by, closer_places, places_of, weigh, whitened
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
@@ -36,21 +37,12 @@ class Finding:
     contribution: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class _Whitened:
-    """The fitted model's residual ``e (D,)``, orthonormal basis of its Jacobian ``Q (D, n)``, and the rows of each record."""
-
-    e: np.ndarray
-    Q: np.ndarray
-    rows: tuple[slice, ...]
-
-
 def screen(fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext, most: int = 3) -> list[Finding]:
     """Findings for all candidates that can act on the fitted model, the largest gain first.
 
     An effect whose signature is nothing, or points the unphysical way, is left out.
     """
-    white = _whitened(fitted)
+    white = whitened(fitted)
     findings = []
     for candidate in candidates:
         if candidate.name in fitted.names:
@@ -67,24 +59,7 @@ def collinear(a: Finding, b: Finding) -> float:
     return float(abs(a.contribution @ b.contribution) / size) if size > 0 else 0.0
 
 
-def _whitened(fitted: FittedModel) -> _Whitened:
-    fit, layout = fitted.fit, fitted.fit.layout
-    sizes = [problem.valid.size for problem in layout.problems]
-    ends = np.cumsum(sizes)
-    rows = tuple(slice(int(end - size), int(end)) for size, end in zip(sizes, ends, strict=True))
-    J = np.zeros((int(ends[-1]), len(fit.theta)))
-    e = np.zeros(int(ends[-1]))
-    for r, (problem, at) in enumerate(zip(layout.problems, rows, strict=True)):
-        w = np.where(problem.valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-        J[at, layout.columns(r)] = (fit.jacobians[r] * w[:, :, None]).reshape(sizes[r], -1)
-        e[at] = (fit.residuals[r] * w).ravel()
-    scale = np.linalg.norm(J, axis=0)
-    acting = scale > 0
-    Q, _ = np.linalg.qr(J[:, acting] / scale[acting])
-    return _Whitened(e - Q @ (Q.T @ e), Q, rows)
-
-
-def _find(fitted: FittedModel, white: _Whitened, effect: Traceable, context: SearchContext, most: int) -> Finding | None:
+def _find(fitted: FittedModel, white: Whitened, effect: Traceable, context: SearchContext, most: int) -> Finding | None:
     probes = tuple(effect.probes(context))
     if not probes:
         return None
@@ -93,28 +68,20 @@ def _find(fitted: FittedModel, white: _Whitened, effect: Traceable, context: Sea
     except ModelError:
         return None
     apart, onset = belongs_to_record(effect) and len(white.rows) > 1, effect.traits.onset
-    total = float(white.e @ white.e)
-    N = float(fitted.fit.counts.sum())
     results = []
     spans = white.rows if apart else (slice(None),)
     for probe, parts in zip(probes, signatures, strict=True):
-        places = _places(fitted, probe, onset)
-        flat = _placed(fitted, parts, white, places)
-        k = len(flat) // len(places)
-        gains, amplitudes, each = np.zeros(len(places)), np.zeros((len(places), k)), []
-        for rows in spans:
-            share, a = _explained(white, rows, flat, k, total)
-            gain = -0.5 * N * np.log1p(-np.minimum(share, 0.999999))
-            amplitudes = np.where((gain > gains)[:, None], a, amplitudes)
-            gains = gains + gain
-            each.append((rows, a))
-        for place in np.argsort(-gains)[: 2 * most]:
-            values = dict(probe.values)
-            if probe.shifts:
-                values[onset] = values[onset] + places[place] * context.interval
-            start = _start(effect, Probe(values, probe.slopes), amplitudes[place])
-            if start is not None and gains[place] > 0:
-                results.append((float(gains[place]), start, _added(white, flat[place * k : (place + 1) * k], each, int(place))))
+        tried = [weigh(fitted, parts, white, spans, places_of(fitted, probe, onset))]
+        if probe.sharp:
+            tried.append(weigh(fitted, parts, white, spans, closer_places(tried[0])))
+        for weighed in tried:
+            for place in np.argsort(-weighed.gains)[: 2 * most]:
+                values = dict(probe.values)
+                if probe.shifts:
+                    values[onset] = values[onset] + weighed.places[place] * context.interval
+                start = _start(effect, Probe(values, probe.slopes), weighed.amplitudes[place])
+                if start is not None and weighed.gains[place] > 0:
+                    results.append((float(weighed.gains[place]), start, added_by(white, weighed, int(place))))
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
@@ -126,62 +93,6 @@ def _find(fitted: FittedModel, white: _Whitened, effect: Traceable, context: Sea
             break
     count = sum(1 for item in effect.parameters if item.free) * (len(white.rows) if apart else 1)
     return Finding(effect, distinct[0][0], count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
-
-
-def _places(fitted: FittedModel, probe: Probe, onset: str) -> list[int]:
-    """By how many samples a probe's signature is moved: over the whole record where it merely shifts with the onset."""
-    if not (probe.shifts and onset):
-        return [0]
-    longest = max(len(problem.record) for problem in fitted.fit.layout.problems)
-    return list(range(0, longest - 2, max(1, longest // thresholds.PLACES)))
-
-
-def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: _Whitened, places: Sequence[int]) -> np.ndarray:
-    """Whitened signature at each place, ``(places k, D)``, the columns of a place one behind the other.
-
-    A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
-    """
-    k = parts[0].shape[2]
-    out = np.zeros((len(places) * k, len(white.e)))
-    for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
-        m, N = part.shape[:2]
-        turned = part.transpose(2, 0, 1)
-        moved = np.zeros((len(places), k, m, N))
-        for number, shift in enumerate(places):
-            if shift < N:
-                moved[number, :, :, shift:] = turned[:, :, : N - shift]
-        whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
-        out[:, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
-    return out
-
-
-def _explained(white: _Whitened, rows: slice, flat: np.ndarray, k: int, total: float) -> tuple[np.ndarray, np.ndarray]:
-    """For each place, acting on ``rows`` alone: share of the residual that its columns explain, and their amplitudes ``(places, k)``.
-
-    The residual is orthogonal to the fitted model's Jacobian, so that only sizes of the projected columns are needed.
-    """
-    block, Q, e = flat[:, rows], white.Q[rows], white.e[rows]
-    places = len(block) // k
-    columns, inside = block.reshape(places, k, -1), (block @ Q).reshape(places, k, -1)
-    whole = columns @ columns.swapaxes(1, 2)
-    raw, gram = np.einsum("pii->pi", whole), whole - inside @ inside.swapaxes(1, 2)
-    size = np.sqrt(np.maximum(np.einsum("pii->pi", gram), 0.0))
-    # What the fitted model's own parameters explain but for rounding is no signature.
-    sound = np.isfinite(size) & (size > 1e-5 * np.sqrt(raw)) & (size > 0)
-    scale = np.where(sound, 1.0 / np.where(sound, size, 1.0), 0.0)
-    b = (block @ e).reshape(places, k) * scale
-    unit = gram * scale[:, :, None] * scale[:, None, :] + np.eye(k) * (1e-9 + ~sound[:, None, :])
-    coefficients = np.linalg.solve(np.where(np.isfinite(unit), unit, 0.0) + np.eye(k) * ~np.isfinite(unit), np.nan_to_num(b)[:, :, None])[:, :, 0]
-    share = np.clip(np.einsum("pk,pk->p", coefficients, np.nan_to_num(b)) / total, 0.0, 1.0)
-    return share, coefficients * scale
-
-
-def _added(white: _Whitened, columns: np.ndarray, each: Sequence[tuple[slice, np.ndarray]], place: int) -> np.ndarray:
-    """What one place adds to the projected outputs, ``(D,)``."""
-    out = np.zeros(len(white.e))
-    for rows, amplitudes in each:
-        out[rows] += amplitudes[place] @ columns[:, rows]
-    return out - white.Q @ (white.Q.T @ out)
 
 
 def _signatures(fitted: FittedModel, effect: Traceable, probes: Sequence[Probe]) -> list[list[np.ndarray]]:

@@ -36,6 +36,7 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
         finding
         for finding in screen(fitted, problem.candidates, search_context(fitted, problem.predicted))
         if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect) or finding.effect.traits.background)
+        and not only_beside_another(finding.effect)
     ]
     most = max((finding.gain for finding in findings), default=0.0)
     if fuller is not fitted and most < thresholds.DWARFED * (fitted.fit.cost - fuller.fit.cost):
@@ -45,7 +46,8 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     ledger, children, explained = _fit_promising(ledger, fitted, findings)
     if explained is None and not is_white(fitted) and not has_process_noise(fitted.system):
         for place, finding in enumerate(findings):
-            if place not in children and finding.parameters <= thresholds.CHEAP and not ledger.exhausted:
+            cheap = finding.parameters <= thresholds.CHEAP and not _spoken_for(findings, children, finding)
+            if place not in children and cheap and not ledger.exhausted:
                 ledger, child = best_fit(ledger, fitted, finding, 1)
                 if child is not None:
                     children[place] = child
@@ -105,7 +107,7 @@ def _fit_promising(ledger: Ledger, fitted: FittedModel, findings: Sequence[Findi
         if explained is not None:
             # Nothing is missing any more: only what might explain it as well is still of interest.
             worth = worth and (finding.gain > thresholds.RIVAL * most or collinear(finding, explained) > thresholds.COLLINEAR)
-        if not worth or len(children) >= limit or ledger.exhausted:
+        if not worth or len(children) >= limit or ledger.exhausted or _spoken_for(findings, children, finding):
             continue
         ledger, child = best_fit(ledger, fitted, finding, starts)
         if child is not None:
@@ -114,6 +116,16 @@ def _fit_promising(ledger: Ledger, fitted: FittedModel, findings: Sequence[Findi
             if explained is None and is_white(child):
                 explained = finding
     return ledger, children, explained
+
+
+def only_beside_another(effect: Traceable) -> bool:
+    """Whether a candidate is put beside its equivalents alone, when these are ranked."""
+    return effect.traits.guard and bool(effect.traits.equivalents)
+
+
+def _spoken_for(findings: Sequence[Finding], children: Mapping[int, FittedModel], finding: Finding) -> bool:
+    """Whether an effect that no record tells from it is fitted already: the ranking puts the other beside it in the end."""
+    return any(findings[place].effect.name in finding.effect.traits.equivalents for place in children)
 
 
 def _accepted(

@@ -36,7 +36,9 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
         brought = base.fit.cost - best.fit.cost
         candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
         for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
-            if finding.gain < thresholds.LOOKS_ALIKE * brought or ledger.exhausted:
+            # What no record tells apart is shown whatever a base fit that bent far says of it.
+            unlike = finding.gain < thresholds.LOOKS_ALIKE * brought and finding.effect.name not in effect.traits.equivalents
+            if unlike or ledger.exhausted:
                 continue
             ledger, child = best_fit(ledger, base, finding, 1)
             ledger, child = _freely(ledger, child, best, finding.effect)
@@ -52,14 +54,14 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
 def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
-    names = set(effect.aliases)
+    names = {*effect.aliases, *effect.traits.equivalents}
     for seen in ledger.evidence:
         if seen.name == effect.name and set(seen.within) <= rest:
             names |= set(seen.collinear_with)
         elif effect.name in seen.collinear_with and set(seen.within) <= rest:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in ledger.models}
-    candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)}
+    candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)} | {*effect.traits.equivalents}
     twins = {name for other in best.effects if other.name in rest for name in other.traits.twins}
     return (names & candidates) - rest - known - twins - {effect.name}
 

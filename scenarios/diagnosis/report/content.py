@@ -89,6 +89,7 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
     }
     out |= {} if claim.claimed else {"claimed": False}
     out |= {"records": list(claim.records)} if claim.records else {}
+    out |= {"derivatives_under": {member: quantities(each) for member, each in claim.derivatives_under.items()}} if claim.derivatives_under else {}
     out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}
     return out | ({"explanation": claim.explanation} if claim.explanation else {})
 

@@ -71,21 +71,29 @@ def by_record_text(evidence: Evidence) -> str:
 
 
 def member_derivatives(claim: Claim, after: Mapping[str, Quantity]) -> list[tuple[str, ...]]:
-    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the members in order; none for one alone."""
-    members = claim.evidence.derivatives if claim.evidence is not None else {}
+    """Derivatives under each member of a group, one row each: name, unit, value +- sigma under the members in order; none for one alone.
+
+    A star marks a value that is more than two of both sigmas from that under the first.
+    """
+    members = list(claim.derivatives_under.values())
     if len(members) < 2:
         return []
     return [
-        (name, _unit(after[name]), *(value_text(each[name].value, each[name].std) if name in each else "-" for each in members.values()))
+        (name, _unit(after[name]), *(_member(each[name], members[0].get(name)) if name in each else "-" for each in members))
         for name in after
-        if any(name in each for each in members.values())
+        if any(name in each for each in members)
     ]
+
+
+def _member(quantity: Quantity, first: Quantity | None) -> str:
+    apart = first is not None and abs(quantity.value - first.value) > APART * math.hypot(quantity.std, first.std)
+    return f"{value_text(quantity.value, quantity.std)}{'*' if apart else ''}"
 
 
 def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
     """For each effect with alternatives: their names, and the rows of the derivatives under each of them."""
     shown = [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
-    return [(tuple(claim.evidence.derivatives), rows) for claim, rows in shown if rows and claim.evidence is not None]
+    return [(tuple(claim.derivatives_under), rows) for claim, rows in shown if rows]
 
 
 def record_labels(tracing: Tracing) -> list[str]:

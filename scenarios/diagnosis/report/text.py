@@ -43,7 +43,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
 
 
 WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
-MEMBER_TITLE = "derivatives under each member of the group, fitted to all records"
+MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the error on data not fitted"

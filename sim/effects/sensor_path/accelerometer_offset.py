@@ -34,12 +34,13 @@ class AccelerometerOffset:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("vane-offset", "sensor-lag:alpha", "sensor-delay:alpha")
+    aliases: ClassVar[tuple[str, ...]] = ("vane-offset",)
     traits: ClassVar[Traits] = Traits(
         sentences=("the accelerometer sits {arm} ahead of the centre of gravity (behind where negative) and feels the pitch acceleration",),
         short_name="accelerometer away from the centre of gravity",
         separating={"vane-offset": MEASURE_IT},
         twins=("vane-offset",),
+        equivalents=("vane-offset", "guard:vane-behind"),
         plausible={"arm": (-40.0, 40.0)},
     )
     explanation: ClassVar[str] = (
@@ -48,7 +49,7 @@ class AccelerometerOffset:
         "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same as a vane at -arm, and the short period "
         "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. "
         "No maneuver tells the two apart while lift and moment are linear; only where the instruments sit does, or a CL_de that no tail could make. "
-        "A vane is not believed behind the centre of gravity, so that an accelerometer ahead has no such twin."
+        "The library has no vane behind the centre of gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
     )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:

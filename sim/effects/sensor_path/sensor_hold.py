@@ -18,7 +18,6 @@ from sim.maths.elementary import trailing
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
 LONGEST = 0.5  # s
-PHASES = 3  # tried in each period; a fit moves the phase by a sample or two
 CLOSER = "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is held goes in stairs, a late one does not"
 
 
@@ -26,8 +25,8 @@ CLOSER = "a fast and steady motion (a sweep), or the raw column before any smoot
 class SensorHold:
     """The recorded channel shows its value at the last update; updates come ``phase + k period`` seconds after the record's start.
 
-    y(t) -> y(time of the last update). ``period`` in s, not negative, zero where it is always up to date; ``phase`` in s; the noise of the
-    recorder comes after. Each record has its own.
+    y(t) -> y(time of the last update). ``period`` in s, not negative; one not above the sampling ``interval`` changes nothing. ``phase`` in s.
+    The noise of the recorder comes after. Each record has its own period and phase.
 
     Two things are approximated. A sample belongs to the update that is at most half of ``interval`` later than itself: where updates meet
     samples (a period of whole samples, in step with the recorder) this is exact, and lets period and phase move a little without
@@ -51,7 +50,7 @@ class SensorHold:
         Parameter("phase", 0.0087, "s", bounds=(-2.0, 2.0)),
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
         "The sensor delivers a new value every period and the recorder, which is faster, writes the last one again: y_recorded(t) = y(t_k), t_k = "
         "phase + k period the last update. A slow bus or telemetry frame does this; without noise of its own behind it the raw column shows "
@@ -79,29 +78,26 @@ class SensorHold:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The whole change at periods of whole samples, at a few phases each."""
-        probes = []
-        for every in EVERY:
-            if context.interval > 0 and every * context.interval <= LONGEST:
-                phases = sorted({round(i * every / min(every, PHASES)) for i in range(min(every, PHASES))})
-                probes += [Probe({"period": every * context.interval, "phase": phase * context.interval}) for phase in phases]
-        return probes
+        """The whole change at periods of whole samples, at every phase: a fit does not move an update from one sample to the next."""
+        interval = context.interval
+        tried = [(every, first) for every in EVERY if 0 < every * interval <= LONGEST for first in range(every)]
+        return [Probe({"period": every * interval, "phase": first * interval}) for every, first in tried]
 
     def fitted_to(self, context: SearchContext) -> SensorHold:
         """The same for that record's sampling interval."""
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """The values at the last updates, before which the first value holds; the channel itself where the period is zero."""
+        """The values at the last updates, before which the first value holds; the channel itself where the period is no longer than a sample's."""
         held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
         depth = held[0].ndim - 1
-        acts = np.asarray(p.period).real > 0
+        acts = np.asarray(p.period).real > self.interval
         rows = (trailing(np.asarray(row), depth) for row in (begin, end))
         return tuple(np.where(acts, new, old) for new, old in zip(held, rows, strict=True))  # type: ignore[return-value]
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
         """The time of the update that shows at each edge."""
-        if period.real <= 0.0:
+        if period.real <= self.interval:
             return edges
         number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
         return phase + number * period

@@ -65,7 +65,7 @@ class SensorStep:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """The slope by the size at the record's begin; a later step only shifts it."""
-        return [Probe({"at": context.begin + 0.5 * self.width, **self.absent}, ("size",), shifts=True)]
+        return [Probe({"at": context.begin + 0.5 * self.width, **self.absent}, ("size",), shifts=True, sharp=True)]
 
     def fitted_to(self, context: SearchContext) -> SensorStep:
         """The same with an edge of one sampling interval of that record."""

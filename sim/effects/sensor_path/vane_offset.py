@@ -28,18 +28,21 @@ class VaneOffset:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("sensor-lag:alpha", "sensor-delay:alpha")
+    aliases: ClassVar[tuple[str, ...]] = ("sensor-lag:alpha", "sensor-delay:alpha", "accelerometer-offset:nz")
     traits: ClassVar[Traits] = Traits(
         sentences=("the vane sits {arm} ahead of the centre of gravity and feels the pitch rate",),
         short_name="vane ahead",
         separating=dict.fromkeys(("sensor-lag", "sensor-delay"), ANOTHER_SPEED),
+        twins=("accelerometer-offset:nz",),
+        equivalents=("accelerometer-offset:nz",),
         plausible={"arm": (0.0, 40.0)},
     )
     explanation: ClassVar[str] = (
         "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
         "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
         "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only fast reversals, where q and alpha_dot "
-        "differ by the lift, tell them apart. A vane behind the centre of gravity would look like a late q; it is not built, so its arm is not "
+        "differ by the lift, tell them apart. An accelerometer as far behind reads the same record under other derivatives, see "
+        "accelerometer-offset:nz. A vane behind the centre of gravity would look like a late q; it is not built, so its arm is not "
         "allowed."
     )
 

@@ -36,7 +36,7 @@ finally:
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two records of an aircraft whose vane bends as the documented effect says, and its vehicle file 10 % off."""
+    """Two records of an aircraft whose vane is turned as the documented effect says, and its vehicle file 10 % off."""
     folder = tmp_path_factory.mktemp("flights")
     _, _, vehicle = written_inputs(folder)
     own = folder / "my_effects.py"
@@ -44,10 +44,10 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from scenarios.diagnosis.candidates import read_effects
 
     model = model_of_file(RIGID)
-    bent = model.with_effects(*read_effects(own, model)).with_values({"vane-upwash.curvature": 2.0})
-    bent = bent.with_noise(Noise({name: NOISE[name] for name in ("alpha", "q", "nz")}))
+    turned = model.with_effects(*read_effects(own, model)).with_values({"vane-upwash.upwash": 0.2})
+    turned = turned.with_noise(Noise({name: NOISE[name] for name in ("alpha", "q", "nz")}))
     for stem, size, unit, seed in (("train", -0.06, 0.8, 1), ("validate", 0.05, 0.6, 2)):
-        record, _ = fly(bent, three_two_one_one(size, unit, 1.0), sample_times(25.0, 10.0), np.random.default_rng(seed), step=0.01)
+        record, _ = fly(turned, three_two_one_one(size, unit, 1.0), sample_times(25.0, 10.0), np.random.default_rng(seed), step=0.01)
         write_record(folder, record, stem)
     lines = [f"{key} = {value}" for key, value in RIGID.constants.items()] + ["[derivatives]"]
     vehicle.write_text("\n".join([*lines, *(f"{key} = {1.1 * value}" for key, value in RIGID.derivatives.items())]))
@@ -71,9 +71,9 @@ def test_documented_effect_is_traced_and_written(flights: Path, tmp_path: Path) 
     assert content["verdict"] == "traced"
     (effect,) = content["effects"]
     assert effect["name"] == "vane-upwash"
-    found = effect["parameters"]["curvature"]
-    assert abs(found["value"] - 2.0) < 4.0 * found["std"]
-    assert "the vane reads too much" in done.stdout
+    found = effect["parameters"]["upwash"]
+    assert abs(found["value"] - 0.2) < 4.0 * found["std"]
+    assert "the control surface turns the vane" in done.stdout
     assert content["error"]["after"]["rmse"]["alpha"] < 0.5 * content["error"]["before"]["rmse"]["alpha"]
     measured = (flights / "validate.csv").read_text().splitlines()
     predicted = (tmp_path / "out" / "validate_prediction.csv").read_text().splitlines()

@@ -238,7 +238,7 @@ def test_documented_effect_joins_the_candidates(files: tuple[Path, Path, Path], 
     tracing = diagnosed([train], "rigid", vehicle, [validate], own, trace=loop)
     assert loop.given["candidates"][-1].name == "vane-upwash"
     assert tracing.inputs.effects[0].name == "my_effects.py"
-    assert "{curvature}" in tracing.own["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]
+    assert "{upwash}" in tracing.own["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]
     model = model_of_file(read_vehicle(vehicle, "rigid"))
     assert "vane-upwash" not in {effect.name for effect in candidates_for(model)}, "a user's effect must not stay behind"
 
@@ -281,11 +281,11 @@ def test_effects_for_other_vehicles_are_left_out_or_refused(files: tuple[Path, P
 def test_an_effect_file_of_the_former_form_is_read_as_before(files: tuple[Path, Path, Path], tmp_path: Path) -> None:
     text = example()
     new, rest = text.split("    traits = Traits(\n")[0], text.split("    explanation")[1]
-    former = '    plausible = {"curvature": (-10.0, 10.0)}\n    onset = ""\n    per_record = True\n    sentence = "bent by {curvature}"\n'
+    former = '    plausible = {"upwash": (-1.0, 1.0)}\n    onset = ""\n    per_record = True\n    sentence = "turned by {upwash}"\n'
     own = tmp_path / "former.py"
     own.write_text(f"{new}{former}    explanation{rest}")
     (effect,) = read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))
-    assert effect.traits == Traits(("bent by {curvature}",), plausible={"curvature": (-10.0, 10.0)}, per_record=True)
+    assert effect.traits == Traits(("turned by {upwash}",), plausible={"upwash": (-1.0, 1.0)}, per_record=True)
     own.write_text(f"{new}    explanation{rest}")
     with pytest.raises(FlightidError, match="effect vane-upwash lacks traits"):
         read_effects(own, model_of_file(read_vehicle(files[2], "rigid")))

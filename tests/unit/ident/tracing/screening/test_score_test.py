@@ -12,6 +12,7 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
 from ident.tracing.screening.score_test import _start as start_of
@@ -22,11 +23,13 @@ from sim.declaration.traits import Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_hold import SensorHold
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.maths.elementary import each_column
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import fit_of, planted, problem_of
+from tests.tracing_problem import doublets, fit_of, planted, problem_of
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,33 @@ def test_an_effect_in_the_set_is_not_proposed_again() -> None:
     problem, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.1})
     child = fit_of(problem, [SensorScale("q")], root)
     assert [finding.effect.name for finding in found(child, SensorScale("q"), SensorScale("nz"))] == ["sensor-scale:nz"]
+
+
+@pytest.mark.parametrize("after", [203, 251, 377])
+def test_a_sharp_step_is_found_to_the_sample(after: int) -> None:
+    """Places of a search are eight samples apart here; the fit of a step moves it by one."""
+    time = doublets().time
+    step = SensorStep("q", "rad/s", 0.01)
+    true = {"sensor-step:q.at": 0.5 * (time[after] + time[after + 1]), "sensor-step:q.size": 0.02}
+    problem, root = root_of([step], true)
+    (finding,) = found(root, step)
+    assert finding.starts[0]["sensor-step:q.at"] == pytest.approx(true["sensor-step:q.at"], abs=1e-9)
+    child = fit_of(problem, [finding.effect], root, finding.starts[0])
+    at = child.values.own[0]["sensor-step:q.at"]
+    assert np.searchsorted(time, at) == after + 1
+
+
+def test_a_held_channel_is_found_in_its_period_and_phase() -> None:
+    hold = SensorHold("q")
+    true = {"sensor-hold:q.period": 0.1, "sensor-hold:q.phase": 0.06}
+    problem, root = root_of([hold], true)
+    findings = found(root, hold, SensorDelay("q"))
+    assert [finding.effect.name for finding in findings] == ["sensor-hold:q", "sensor-delay:q"]
+    assert findings[0].starts[0] == pytest.approx(true)
+    child = fit_of(problem, [findings[0].effect], root, findings[0].starts[0])
+    (shown,) = (quantities(child, effect) for effect in child.effects)
+    assert abs(shown["period"].value - 0.1) < 4.0 * shown["period"].std < 1e-4
+    assert abs(shown["phase"].value - 0.06) < 4.0 * shown["phase"].std < 0.005
 
 
 def test_findings_stand_by_gain_and_begin_at_distinct_places() -> None:

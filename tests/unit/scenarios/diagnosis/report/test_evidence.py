@@ -118,7 +118,7 @@ def test_terminal_shows_scatter_beside_sigma_members_and_remarks() -> None:
     (row,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" in line]
     assert row.split()[2:] == ["-24.1", "+-", "0.9", "-17.2", "+-", "0.4", "0.83", "+7.0", "sigma", "*"]
     (members,) = [line for line in text.splitlines() if line.split()[:1] == ["Cm_q"] and "sigma" not in line]
-    assert members.split()[2:] == ["-17.0", "+-", "0.4", "-18.0", "+-", "0.4", "-19.0", "+-", "0.4"]
+    assert members.split()[2:] == ["-17.0", "+-", "0.4", "-18.0", "+-", "0.4", "-19.0", "+-", "0.4*"]
     assert "the records give different values" in text
 
 
@@ -145,10 +145,15 @@ def test_json_has_evidence_scatter_and_remarks() -> None:
     assert all(each["time_constant"]["std"] > 0 for each in evidence["by_record"])
     assert set(evidence["derivatives"]) == {effect["name"], *effect["alternatives"]}
     assert evidence["derivatives"]["vane-offset"]["Cm_q"] == {"value": -19.0, "std": 0.4, "unit": "1/rad"}
+    assert effect["derivatives_under"] == evidence["derivatives"]
     assert content["scatter"] == {"Cm_q": 0.83, "CL_q": 2.0}
     assert content["candidates"][-1]["remark"] == "the records give different values"
     plain = json.loads(json_text(diagnosis_content(tracing_of(Verdict.TRACED), "")))
-    assert plain["scatter"] == {} and "evidence" not in plain["effects"][0] and not any("remark" in c for c in plain["candidates"])
+    assert (
+        plain["scatter"] == {}
+        and not {"evidence", "derivatives_under"} & set(plain["effects"][0])
+        and not any("remark" in c for c in plain["candidates"])
+    )
 
 
 def test_many_failed_tests_become_one_description_a_channel() -> None:
@@ -187,8 +192,8 @@ def test_where_a_guard_leaves_noise_it_is_told_what_the_declared_model_leaves() 
 def test_members_are_compared_only_where_there_are_some() -> None:
     d: Diagnosis = proven_tracing().diagnosis
     rows = member_derivatives(d.effects[0], d.after)
-    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4")]
-    alone = Claim("x", {}, evidence=evidence_of(LATE, "x"))
+    assert rows == [("Cm_q", "1/rad", "-17.0 +- 0.4", "-18.0 +- 0.4", "-19.0 +- 0.4*")]  # two of both sigmas are 1.1
+    alone = Claim("x", {}, derivatives_under=evidence_of(LATE, "x").derivatives)
     assert member_derivatives(alone, d.after) == [] == member_derivatives(Claim("x", {}), d.after)
 
 
