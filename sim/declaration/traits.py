@@ -27,6 +27,7 @@ class Traits:
     short_name : what it is called in such a group; its name when empty.
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
     twins : names of effects that are another description of the same fault of the same sensor: never claimed side by side.
+    rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
@@ -47,6 +48,7 @@ class Traits:
     short_name: str = ""
     separating: Mapping[str, str] = field(default_factory=lambda: _NO_MANEUVERS)
     twins: tuple[str, ...] = ()
+    rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
