@@ -57,11 +57,23 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
     totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
     misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
-    totals = told_by_declared(totals, {key: fitted for key, (fitted, _) in compared.items()})
-    chosen, fits = compared[min(totals, key=lambda key: totals[key])]
+    models = {key: fitted for key, (fitted, _) in compared.items()}
+    totals = told_by_declared(totals, models)
+    chosen, fits = compared[_likelier_cause(models, totals)]
     if not held.choosing and chosen is not best:
         fits = predicted_by(chosen, held)
     return ledger, Choice(chosen, fits, totals, misfits)
+
+
+def _likelier_cause(compared: Mapping[Key, FittedModel], totals: Mapping[Key, float]) -> Key:
+    """The set of lowest total; one with a likelier cause in the place of a rarer one where the data do not prefer the latter."""
+    best = min(totals, key=lambda key: totals[key])
+    for effect in compared[best].effects:
+        for other in effect.traits.rarer_than:
+            likelier = (best - {effect.name}) | {other}
+            if likelier in totals and totals[likelier] - totals[best] < thresholds.AMBIGUOUS:
+                return likelier
+    return best
 
 
 def alternatives_of(choice: Choice, guards: frozenset[str]) -> dict[str, tuple[str, ...]]:

@@ -30,6 +30,7 @@ class Traits:
     equivalents : those of the twins that no record tells apart from it, since other values of the derivatives make up for the difference: a
         record is explained alike under each, and only the declared derivatives say which is likelier. A guard that has some competes with
         these alone.
+    rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
@@ -53,6 +54,7 @@ class Traits:
     separating: Mapping[str, str] = field(default_factory=lambda: _NO_MANEUVERS)
     twins: tuple[str, ...] = ()
     equivalents: tuple[str, ...] = ()
+    rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""

@@ -30,6 +30,10 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
         brought = gain(fitted, child, ledger.problem.settings.accept)
         if brought <= ledger.problem.settings.accept:
             continue
+        ledger, rival = _rival(ledger, fitted, effect, brought, number)
+        if rival is not None:
+            fitted = rival
+            continue
         ledger = ledger.kept(child, ledger.score(fitted) - brought)
         sentence = f"{effect.name}, which any record may have, lowers the criterion by {brought:.1f} and belongs to the model from here on"
         ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
@@ -41,6 +45,28 @@ def with_known_background(ledger: Ledger, fitted: FittedModel) -> FittedModel:
     """The fitted model with the background effects that the search found it to have; itself where there are none."""
     known = [other for other in ledger.models.values() if other.foreground == fitted.foreground and len(other.effects) > len(fitted.effects)]
     return min(known, key=ledger.score, default=fitted)
+
+
+def _rival(ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: float, number: int) -> tuple[Ledger, FittedModel | None]:
+    """The fitted model with one of the aliases of a background effect, where that brings clearly more; None where none does.
+
+    The background effect would imitate it, and beside that it no longer shows.
+    """
+    best, most, accept = None, brought + ledger.problem.settings.accept, ledger.problem.settings.accept
+    context = search_context(fitted, ledger.problem.predicted)
+    for candidate in ledger.problem.candidates:
+        if candidate.name not in effect.aliases or candidate.name in fitted.names:
+            continue
+        other = fitted_to(candidate, context)
+        ledger, child = _best_start(ledger, fitted, other)
+        if child is None or (more := gain(fitted, child, accept)) <= most:
+            continue
+        ledger = ledger.told(evidence=[_evidence(number, fitted, other, child)])
+        ledger = ledger.kept(child, ledger.score(fitted) - more)
+        sentence = f"{other.name}, in the place of {effect.name}, lowers the criterion by {more:.1f} and belongs to the model from here on"
+        ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
+        best, most = ledger.known(child), more
+    return ledger, best
 
 
 def _best_start(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:

@@ -14,7 +14,7 @@ from sim.declaration.traits import Traits
 
 _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "alpha": ("sensor-scale:q", "sensor-lag:nz", "sensor-delay:nz"),
+        "alpha": ("time-base", "sensor-scale:q", "sensor-lag:nz", "sensor-delay:nz"),
         "q": ("sensor-scale:alpha",),
         "nz": (),
         "altitude": ("density-scale-height",),

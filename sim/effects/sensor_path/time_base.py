@@ -28,20 +28,22 @@ class TimeBase:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("factor", 1.05, "1", bounds=(0.5, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("sensor-scale:alpha", "sensor-scale:q")
+    aliases: ClassVar[tuple[str, ...]] = ("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz")
     traits: ClassVar[Traits] = Traits(
         sentences=("the times of the record are {factor_percent} {factor_direction}",),
         short_name="clock of the record",
         separating={"sensor-scale": "the pitch attitude recorded as well, or the record's time held against another clock"},
         twins=("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz"),
+        rarer_than=("sensor-scale:alpha",),
         plausible={"factor": (0.8, 1.25)},
     )
     explanation: ClassVar[str] = (
         "The clock of the recorder is wrong: recorded time = factor x true time, from a wrong sampling rate or a file resampled by mistake. Every "
         "motion then seems slower than it is, and a rate that is measured no longer is the slope of what it is the rate of. The kinematics say "
         "alpha_dot = (q - (g/V) nz) / factor: with alpha, q and nz that is word for word an angle of attack read too small by the factor, with "
-        "other derivatives; without nz it is a scale of q as well. An airspeed that is wrong in the vehicle file "
-        "is a scale of nz. A pitch attitude in the record, or another clock, tells."
+        "other derivatives, and as rare as such clocks are that is what is named. It is a scale of q and one of nz alike, the latter as good as an "
+        "airspeed that is wrong in the vehicle file. Without nz it only changes the derivatives and leaves no trace. A pitch attitude in the record, "
+        "or another clock, tells."
     )
 
     def pace(self, p: Any) -> Any:

@@ -19,6 +19,7 @@ from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.time_base import TimeBase
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
 from tests.rate_in_alpha import RateInAlpha
@@ -129,3 +130,14 @@ def test_alternatives_and_ties_by_hand() -> None:
         assert is_ambiguous(choice_of(problem, best, {LATE.name: 100.0, name: 102.5}), guards) is expected
     assert not is_ambiguous(choice_of(problem, best, {LATE.name: 100.0, "b": 103.5}), guards)
     assert alternatives_of(Choice(best, HeldOut(None, None)), guards) == {} and not is_ambiguous(Choice(best, HeldOut(None, None)), guards)
+
+
+def test_of_exact_twins_the_likelier_cause_is_chosen_whichever_of_them_the_search_kept() -> None:
+    """A clock that runs fast is an angle of attack read too small: the data cannot tell, and say so."""
+    record = planted([TimeBase()], {"time-base.factor": 1.06}, 3)
+    for first in (TimeBase(), SensorScale("alpha")):
+        ledger, best = ledger_of(record, [first], [SensorScale("alpha") if first == TimeBase() else TimeBase()])
+        _, choice = choose_among_near(ledger, best, HeldOutData())
+        assert choice.best.names == ("sensor-scale:alpha",)
+        assert is_ambiguous(choice, frozenset()) and alternatives_of(choice, frozenset()) == {"sensor-scale:alpha": ("time-base",)}
+        assert choice.best.values.shared["sensor-scale:alpha.scale"] == pytest.approx(1.0 / 1.06, abs=0.02)
