@@ -11,10 +11,9 @@ from ident.recording.dropouts import dropouts
 from ident.recording.extremes import clipped
 from ident.recording.finding import Certainty, Expectations, Finding
 from ident.recording.hum import hum
-from ident.recording.noise_level import changing_noise
+from ident.recording.noise_level import changing_noise, coarse
 from ident.recording.readings import misread
 from ident.recording.repeats import held, stuck
-from ident.recording.resolution import coarse
 from ident.recording.rows import missing_rows
 from ident.recording.series import FEWEST, Series, series_of
 from ident.recording.zero_steps import zero_steps

@@ -1,4 +1,4 @@
-"""Noise whose level changes along a record, from fourth differences, which hardly see the motion."""
+"""The least bit against the noise; and noise whose level changes along a record, from fourth differences, which hardly see the motion."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from ident.recording.finding import Certainty, Finding, Kind, Number, shown
 from ident.recording.series import SMALLEST, Series, fourth_differences, scaled_differences
 from ident.statistics.robust import robust_sigma_about_zero
 
+COARSE = 1.0  # least bits over noise: below it rounding adds a twelfth of the noise's variance at most
+DISTINCT = 4  # levels, fewer of which make no measurement
 PARTS = (8, 4)
 BITS = 2.0  # least bits of noise, below which a median of its size is one of few levels
 FEWEST = 30  # samples of a part
@@ -16,6 +18,16 @@ FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth
 SCATTER = 1.6
 SURE = 4.5  # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in 20,000 channels
 MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond which a part shows motion
+
+
+def coarse(series: Series) -> Finding | None:
+    """A note where the least bit is coarse against the noise, so that residuals are rounding and not Gaussian."""
+    bit = series.least_bit
+    if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
+        return None
+    told = f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things are not in the record, and rounding is not white"
+    numbers = {"least_bit": Number(bit, series.unit)} | ({"noise": Number(series.noise, series.unit)} if series.noise else {})
+    return Finding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
 
 
 def changing_noise(series: Series) -> Finding | None:

@@ -1,56 +1,43 @@
 """Columns that are not what their header says: exchanged, of turned sign, in degrees or m/s2, on a time base of another unit.
 
 The columns are read as they stand and as each simple fault would have them; what counts is how well the kinematics then hold (``motion``).
-Sound sensors leave less than a tenth of the power unexplained, also with every sensor effect of the library at its largest and in rough
-air; a fault of this kind leaves a third to all of it, and its own reading takes that to a hundredth.
+Sound sensors leave a tenth of the power unexplained or less, also with the sensor effects of the library; rough air may leave half, but
+then no other reading does better. A fault of this kind leaves a third to all of it, and its own reading takes that to a hundredth.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ident.recording.alternatives import DEGREES, NZ_REMEDY, RENAME, UNITS, Reading, all_readings
 from ident.recording.control import control_power, sure
 from ident.recording.finding import Certainty, Expectations, Finding, Kind, Number
 from ident.recording.motion import Columns, change, columns_of, disagreement, lag_of
 from ident.recording.time_base import SUITS, SUSPECT, wrong_clock
-from sim.maths.constants import G0
 from sim.record import Channel, Record
 
 # Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column 0.28 at least; the noise of a small motion
 # leaves 0.1 of the right reading, too.
 WRONG, RIGHT = 0.2, 0.15
 CLEARLY = 4.0  # times less than as read, and than any reading of another kind
-DEGREES = math.degrees(1.0)
 NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
-PACES = {1e-3: "ms", 1e-6: "us"}
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
 TOGETHER, APART = 0.85, 0.7
 SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
 LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
+LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
 LARGE = 0.6  # rad, of an angle of attack from end to end
-RENAME = "give each column its own name, or a channel map"
-UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One way to read the columns: what it would mean, and how well the kinematics then hold."""
-
-    kind: Kind
-    channel: str
-    left: float
-    sentence: str
-    remedy: str
 
 
 def misread(record: Record, expected: Expectations) -> list[Finding]:
     """Columns that are certainly, or likely, not what they are called; empty where all fit together or nothing joins them."""
     far = [one for name in SMALL_ANGLES if name in (*record.input_names, *record.output_names) and (one := _far(record[name])) is not None]
+    far += [one for name in ("nz",) if name in record.output_names and (one := _gravity(record[name])) is not None]
     columns = columns_of(record, expected)
     if columns is None:
         return far
@@ -88,6 +75,15 @@ def _far(channel: Channel) -> Finding | None:
     told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
     remedy = f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map"
     return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers={"reach": Number(reach, "rad")})
+
+
+def _gravity(channel: Channel) -> Finding | None:
+    """A load factor whose middle is 9.8: nothing flies at that for half a record, and level flight reads that in m/s2."""
+    middle = float(np.median(channel.values[channel.valid]))
+    if not LEVEL[0] < abs(middle) < LEVEL[1]:
+        return None
+    told = f"is in m/s2, not in g: its middle is {middle:.3g}"
+    return Finding(channel.name, Kind.UNIT, Certainty.CERTAIN, told, NZ_REMEDY, numbers={"middle": Number(middle, "g")})
 
 
 def _of_lift(columns: Columns, as_read: float) -> Finding | None:
@@ -131,12 +127,12 @@ def _of_angles(columns: Columns, as_read: float) -> Finding | None:
 
 
 def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding | None:
-    readings = sorted(_readings(columns), key=lambda one: one.left)
+    readings = sorted(all_readings(columns), key=lambda one: one.left)
     best = readings[0] if readings else None
     if best is not None and as_read > WRONG and best.left < RIGHT and best.left * CLEARLY < as_read:
         rivals = [one for one in readings[1:] if one.left < CLEARLY * best.left and one.left < RIGHT]
         if rivals:
-            best, rivals = _by_control(columns, [best, *rivals], expected)
+            best, rivals = _by_control([best, *rivals], expected)
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
         what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
         if not rivals:
@@ -146,56 +142,18 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
     return wrong_clock(columns, as_read, expected)
 
 
-def _readings(columns: Columns) -> list[Reading]:
-    """Every simple fault, with what it leaves."""
-
-    def left(some: Columns) -> float:
-        return max(disagreement(some).values(), default=2.0)
-
-    names, out = list(columns.outputs), []
-    for name in names:
-        remedy = f"turn the sign of the column of {name}"
-        out.append(Reading(Kind.SIGN, name, left(columns.times({name: -1.0})), "has the sign turned", remedy))
-        if name in UNITS:
-            remedy = f"name the column {name}_{UNITS[name].replace('/', '_')} or say its unit in a channel map"
-            reading = left(columns.times({name: 1.0 / DEGREES}))
-            out.append(Reading(Kind.UNIT, name, reading, f"is in {UNITS[name]}, not in {UNITS[name].replace('deg', 'rad')}", remedy))
-    if "nz" in names:
-        remedy = "name the column nz [m/s2], or say its unit in a channel map"
-        out.append(Reading(Kind.UNIT, "nz", left(columns.times({"nz": 1.0 / G0})), "is in m/s2, not in g", remedy))
-    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-    pairs += [(name, columns.control_name) for name in names if columns.control is not None]
-    for a, b in pairs:
-        out.append(Reading(Kind.EXCHANGED, f"{a} and {b}", left(columns.exchanged(a, b)), "are exchanged", RENAME))
-    for factor, unit in PACES.items():
-        remedy = f"name the column time [{unit}], or say its unit in a channel map"
-        out.append(Reading(Kind.TIME_BASE, "time", left(columns.times({"time": factor})), f"is in {unit}, not in s", remedy))
-    return out
-
-
-def _by_control(columns: Columns, rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
+def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
     """Of readings that the kinematics cannot tell apart, those that give the control the power that the vehicle's data say."""
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
     fitting = []
     for one in rivals:
-        found = control_power(_as(columns, one))
+        found = control_power(one.columns)
         ratio = found.value / expected.control_power if found is not None and sure(found) else 0.0
         if 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control):
             fitting.append(one)
     kept = fitting or list(rivals)
     return kept[0], kept[1:]
-
-
-def _as(columns: Columns, reading: Reading) -> Columns:
-    names = reading.channel.split(" and ")
-    readers: Mapping[Kind, Callable[[], Columns]] = {
-        Kind.SIGN: lambda: columns.times({names[0]: -1.0}),
-        Kind.UNIT: lambda: columns.times({name: 1.0 / (DEGREES if name in UNITS else G0) for name in names}),
-        Kind.EXCHANGED: lambda: columns.exchanged(names[0], names[1]),
-        Kind.TIME_BASE: lambda: columns.times({"time": next(factor for factor, unit in PACES.items() if f" {unit}," in reading.sentence)}),
-    }
-    return readers[reading.kind]()
 
 
 def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
