@@ -51,9 +51,7 @@ class Answer:
     @property
     def findings(self) -> list[str]:
         """What is said of the record itself, one text an entry, in lower case."""
-        record = self.content.get("record", [])
-        entries = record if isinstance(record, list) else [{key: value} for key, value in record.items() if value]
-        return [str(entry).lower() for entry in entries]
+        return [str(entry).lower() for entry in self.content.get("record", {}).get("findings", [])]
 
     def warned_of(self, words: Sequence[str]) -> bool:
         """Whether a finding about the record, or a warning, names one of the words (an underscore stands for a blank)."""
