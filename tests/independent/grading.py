@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 HARMLESS = "phugoid"  # every aircraft that exchanges speed and height has it, beside whatever else is wrong
+SHOWN = 100  # characters of an error
 QUIET = ("nothing", "phugoid")  # faults that are none: a flight with one of these needs no name
 
 
@@ -51,9 +52,7 @@ class Answer:
     @property
     def findings(self) -> list[str]:
         """What is said of the record itself, one text an entry, in lower case."""
-        record = self.content.get("record", [])
-        entries = record if isinstance(record, list) else [{key: value} for key, value in record.items() if value]
-        return [str(entry).lower() for entry in entries]
+        return [str(entry).lower() for entry in self.content.get("record", {}).get("findings", [])]
 
     def warned_of(self, words: Sequence[str]) -> bool:
         """Whether a finding about the record, or a warning, names one of the words (an underscore stands for a blank)."""
@@ -85,7 +84,7 @@ def graded(faults: Sequence[Fault], answer: Answer) -> Graded:
     if answer.code not in (0, 2) or (answer.code == 0 and "verdict" not in answer.content):
         return Graded(Grade.BROKEN, f"exit code {answer.code}")
     if answer.code == 2:
-        return Graded(Grade.NOTICED if real else Grade.ALARM, f"refused: {answer.said}")
+        return Graded(Grade.NOTICED if real else Grade.ALARM, f"refused: {answer.said[:SHOWN]}")
     verdict = str(answer.content["verdict"])
     why = f"{verdict}: {', '.join(str(claim['name']) for claim in answer.claims) or 'no effect'}"
     if any(claim["name"] != HARMLESS and not any(says(claim, fault) for fault in real) for claim in answer.claims):
@@ -94,7 +93,8 @@ def graded(faults: Sequence[Fault], answer: Answer) -> Graded:
         return Graded(Grade.ALARM if verdict == "unexplained" else Grade.RIGHT, why)
     said = [any(says(claim, fault) for claim in answer.claims) for fault in real]
     if all(said):
-        return Graded(Grade.RIGHT, why)
+        by_twin = any(claim["name"] in fault.twins for claim in answer.claims for fault in real)
+        return Graded(Grade.RIGHT, f"{why} (by a twin)" if by_twin else why)
     words = [word for fault in real for word in fault.channels]
     noticed = any(said) or verdict in ("unexplained", "partial", "ambiguous") or answer.warned_of(words)
     return Graded(Grade.NOTICED if noticed else Grade.MISSED, why)

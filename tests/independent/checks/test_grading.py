@@ -25,6 +25,10 @@ def answer(verdict: str, *effects: dict[str, Any], **more: Any) -> Answer:
     return Answer(0, {"verdict": verdict, "effects": list(effects), "warnings": [], **more})
 
 
+def found(sentence: str) -> dict[str, Any]:
+    return {"looked_at": ["alpha.csv"], "findings": [{"sentence": sentence}]}
+
+
 PHUGOID = claim("phugoid")
 DELAY = claim("sensor-delay:alpha", "vane-offset")
 VANE_OR_DELAY = claim("vane-offset", "sensor-lag:alpha")
@@ -52,12 +56,12 @@ VANE_OR_DELAY = claim("vane-offset", "sensor-lag:alpha")
         ([LATE], answer("traced", PHUGOID), Grade.MISSED),
         ([LATE], answer("consistent", warnings=["held-out alpha is twice the noise"]), Grade.NOTICED),
         ([LATE], answer("consistent", warnings=["few samples"]), Grade.MISSED),
-        ([LATE], answer("consistent", record=[{"channel": "alpha", "finding": "stuck"}]), Grade.NOTICED),
-        ([LATE], answer("consistent", record=[{"channel": "nz", "finding": "stuck"}]), Grade.MISSED),
+        ([LATE], answer("consistent", record=found("alpha stands still")), Grade.NOTICED),
+        ([LATE], answer("consistent", record=found("nz stands still")), Grade.MISSED),
         ([SCALE], answer("consistent", warnings=["power at a low frequency of nz"]), Grade.MISSED),
         ([SCALE], answer("consistent", warnings=["power at 2 Hz in q"]), Grade.NOTICED),
         ([CLOCK], answer("consistent", warnings=["at the time 3 s nz jumps"]), Grade.MISSED),
-        ([CLOCK], answer("consistent", record=[{"finding": "the time base disagrees with the kinematics"}]), Grade.NOTICED),
+        ([CLOCK], answer("consistent", record=found("the time base disagrees with the kinematics")), Grade.NOTICED),
         ([LATE, SCALE], answer("traced", DELAY, claim("sensor-scale:q")), Grade.RIGHT),
         ([LATE, SCALE], answer("partial", DELAY), Grade.NOTICED),
         ([LATE, SCALE], answer("traced", DELAY), Grade.NOTICED),
