@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Signal
+from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
@@ -56,6 +57,13 @@ def model_with(effect: Phugoid, **values: float) -> Any:
     return rigid_model().with_effects(effect).with_values({f"phugoid.{name}": value for name, value in values.items()})
 
 
+def recording(signal: Signal) -> Model:
+    """The rigid aircraft with a further input."""
+    model = rigid_model()
+    equations: Any = model.equations
+    return replace(model, equations=replace(equations, inputs=(*equations.inputs, signal)))
+
+
 def test_is_the_motion_of_forces_and_moments() -> None:
     flight = replace(rigid_flight(8.0, 50.0), max_step=0.005)
     expected = in_forces(flight, VALUES)
@@ -72,8 +80,7 @@ def test_recorded_states_take_the_place_of_its_own() -> None:
     context = SearchContext(0.0, 8.0, 0.02, input_peak={"elevator": 0.1, "theta": 0.1})
     effect = Phugoid().fitted_to(context)
     assert effect.name == "phugoid" and [state.name for state in effect.states] == ["phugoid_speed"]
-    model = rigid_model()
-    wider = replace(model, equations=replace(model.equations, inputs=(*model.equations.inputs, Signal("theta", "rad"))))
+    wider = recording(Signal("theta", "rad"))
     # Inputs are held: the attitude over an interval is its mean there.
     theta = truth[4] - truth[4][0]
     held = np.append(0.5 * (theta[1:] + theta[:-1]), theta[-1])
@@ -87,9 +94,7 @@ def test_recorded_states_take_the_place_of_its_own() -> None:
 def test_a_recorded_airspeed_leaves_the_trim_moment_to_find() -> None:
     effect = Phugoid().fitted_to(SearchContext(0.0, 8.0, 0.02, input_peak={"airspeed_change": 4.0, "lift": 0.1}))
     assert effect.states == () and [item.name for item in effect.parameters] == ["trim_moment"] and effect.absent == {"trim_moment": 0.0}
-    model = rigid_model()
-    ports = {port.name: port for port in model.equations.ports}
-    wider = replace(model, equations=replace(model.equations, inputs=(*model.equations.inputs, ports["airspeed_change"])))
+    wider = recording(next(port for port in rigid_model().equations.ports if port.name == "airspeed_change"))
     system = compile_model(wider.with_effects(effect).with_values({"phugoid.trim_moment": 0.03}))
     names, p = system.state_names, system.parameters.values().tolist()
     V0, u = RIGID_VALUES["airspeed"], 6.0
