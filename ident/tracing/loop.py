@@ -17,7 +17,7 @@ from ident.tracing.replication.between_records import RecordScatter, scatter_bet
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.background import with_known_background
-from ident.tracing.selection.backward import backward_elimination, refined
+from ident.tracing.selection.backward import backward_elimination, refined, without_needless_background
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
@@ -210,6 +210,7 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
     problem, held = ledger.problem, found.held
     if not hopeless(ledger, partial.fitted):
         ledger, further = extended(ledger, found.root, partial.fitted)
+        ledger, further = without_needless_background(ledger, further)
         ledger, choice = choose_among_near(ledger, further, held)
         again = judge(problem, found.root, choice, found.spikes, held)
         if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):

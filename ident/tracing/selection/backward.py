@@ -31,6 +31,20 @@ def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, F
     return ledger, best
 
 
+def without_needless_background(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
+    """The set less the background effects whose removal costs less than an addition has to bring: what came later explains them."""
+    best, accept = fitted, ledger.problem.settings.accept
+    for effect in fitted.background if len(fitted.effects) > 1 else ():
+        ledger, without = fitted_without(ledger, best, effect)
+        if without is None or (loss := gain(without, best, accept)) >= accept:
+            continue
+        ledger = ledger.kept(without, ledger.score(best) + loss)
+        sentence = f"{effect.name} is no longer needed (it brings {loss:.1f})"
+        ledger = ledger.told(Step(without.names, ledger.score(without), without.fit.log_likelihood, sentence))
+        best = without
+    return ledger, best
+
+
 def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Traceable, *, rough: bool = False) -> tuple[Ledger, FittedModel | None]:
     """A set without one of its effects, the better of two fits: the one that is kept, and one from the set's own values.
 

@@ -36,9 +36,9 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
         brought = base.fit.cost - best.fit.cost
         candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
         for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
-            # What no record tells apart is shown whatever a base fit that bent far says of it.
-            unlike = finding.gain < thresholds.LOOKS_ALIKE * brought and finding.effect.name not in effect.traits.equivalents
-            if unlike or ledger.exhausted:
+            # What no record tells apart is shown whatever a base fit that bent far says of it, and whatever the search has spent.
+            alike = finding.effect.name in effect.traits.equivalents
+            if not alike and (finding.gain < thresholds.LOOKS_ALIKE * brought or ledger.exhausted):
                 continue
             ledger, child = best_fit(ledger, base, finding, 1)
             ledger, child = _freely(ledger, child, best, finding.effect)

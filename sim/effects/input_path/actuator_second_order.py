@@ -51,6 +51,7 @@ class ActuatorSecondOrder:
             "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator of second order overshoots",
         ),
         twins=("actuator-lag", "input-delay"),
+        rarer_than=("actuator-lag", "input-delay"),
         plausible={"frequency": (3.0, 200.0), "damping": (0.1, 3.0)},
     )
     explanation: ClassVar[str] = (

@@ -73,6 +73,7 @@ class SensorHold:
             short_name="held between updates",
             separating=dict.fromkeys(("sensor-delay", "sensor-lag"), CLOSER),
             twins=self.aliases,
+            rarer_than=self.aliases,
             plausible={"period": (0.0, 1.0)},
             per_record=True,
         )
