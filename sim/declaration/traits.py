@@ -22,7 +22,8 @@ class Traits:
     ----------
     sentences : templates in words, of which the first is taken whose parameters are all there. In braces a parameter by local name, or
         {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but times), and of a parameter NAME_percent (its distance
-        from one), NAME_change (a share), NAME_direction, NAME_hertz. Without any the report prints the parameters.
+        from one), NAME_change (a share), NAME_direction, NAME_hertz, NAME_side (a length with "ahead of" or "behind"). Without any the
+        report prints the parameters.
     grouped : the template where effects that a record cannot tell apart are told together; the sentence when empty.
     short_name : what it is called in such a group; its name when empty.
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.

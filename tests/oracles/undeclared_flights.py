@@ -56,7 +56,7 @@ class Hidden:
 
     ``lift`` and ``moment`` add to CL and Cm as functions of (t, alpha felt, q, elevator); ``gust`` in m/s up, ``speed`` in m/s over t;
     ``mode`` an elastic mode: frequency, damping, and the gains lift, moment, gyro of its coordinate, driven by the elevator and ``by_alpha``.
-    ``changed`` are derivatives from a time on.
+    ``changed`` are derivatives from a time on. Arms in m ahead; ``gyro_by_load`` in rad/s per g.
     """
 
     command: tuple[Path1, ...] = ()
@@ -66,6 +66,8 @@ class Hidden:
     speed: Callable[[float], float] | None = None
     mode: Mapping[str, float] | None = None
     vane_arm: float = 0.0
+    accelerometer_arm: float = 0.0
+    gyro_by_load: float = 0.0
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     drift: Mapping[str, float] = field(default_factory=dict)
     spikes: Mapping[str, Sequence[tuple[int, float]]] = field(default_factory=dict)
@@ -136,6 +138,24 @@ def scaled(factor: float) -> Sensor:
 def shown_late(delay: float) -> Sensor:
     """A sensor whose readings are a pure time old; ``delay`` is rounded to the step."""
     return lambda h, begin, end: delayed(round(delay / h) * h)(h, begin)
+
+
+def curved(curvature: float) -> Sensor:
+    return lambda h, begin, end: begin + curvature * begin**2
+
+
+def stepped(size: float, at: float) -> Sensor:
+    return lambda h, begin, end: begin + size * (h * np.arange(len(begin)) > at)
+
+
+def held(period: float, first: float = 0.0) -> Sensor:
+    """Updated at ``first`` and every ``period`` s from there on, both whole numbers of steps."""
+
+    def act(h: float, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        i, every, start = np.arange(len(begin)), round(period / h), round(first / h)
+        return np.asarray(begin[np.where(i < start, 0, i - (i - start) % every)])
+
+    return act
 
 
 def shown_lagged(time_constant: float) -> Sensor:
@@ -216,9 +236,11 @@ def fly_aircraft(aircraft: Aircraft, command: np.ndarray, rate: float, hidden: H
     x: tuple[float, ...] = (0.0, 0.0) if mode is None else (0.0, 0.0, 0.0, 0.0)
 
     def shown(t: float, e: float) -> tuple[float, float, float]:
-        CL, _, V, a = loads(t, x, e)
-        gyro = mode["gyro"] * x[3] if mode is not None else 0.0
-        return a - hidden.vane_arm / V * x[1], x[1] + gyro, 0.5 * rho * V * V * S * CL / (m * G0)
+        CL, Cm, V, a = loads(t, x, e)
+        Q = 0.5 * rho * V * V * S
+        nz = Q * CL / (m * G0)
+        gyro = hidden.gyro_by_load * nz + (mode["gyro"] * x[3] if mode is not None else 0.0)
+        return a - hidden.vane_arm / V * x[1], x[1] + gyro, nz + hidden.accelerometer_arm * Q * c * Cm / (Iy * G0)
 
     rows, lasts = [], []
     for i in range(len(held) + 1):

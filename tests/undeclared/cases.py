@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +160,30 @@ CHEAP: Sequence[Case] = (
     Case("product of angle and elevator", LINER, always(Hidden(moment=lambda t, a, q, e: 9.0 * a * e)), (frozenset(),), ("unexplained",)),
 )
 
+INSTRUMENTS: Sequence[tuple[str, Aircraft, Hidden, str, float]] = (
+    ("accelerometer ahead", FIGHTER, Hidden(accelerometer_arm=9.0), "accelerometer-offset:nz.arm", 9.0),
+    ("accelerometer a little ahead", LINER, Hidden(accelerometer_arm=4.0), "accelerometer-offset:nz.arm", 4.0),
+    ("accelerometer behind", FIGHTER, Hidden(accelerometer_arm=-9.0), "accelerometer-offset:nz.arm", -9.0),
+    ("gyro that feels load", LINER, Hidden(gyro_by_load=0.012), "sensor-coupling:q.gain", 0.012),
+    ("gyro that feels a little load", FIGHTER, Hidden(gyro_by_load=0.005), "sensor-coupling:q.gain", 0.005),
+    ("bent vane", FIGHTER, Hidden(sensors={"alpha": flights.curved(2.0)}), "sensor-curve:alpha.curvature", 2.0),
+    ("vane bent a little", TRAINER, Hidden(sensors={"alpha": flights.curved(-0.7)}), "sensor-curve:alpha.curvature", -0.7),
+    ("gyro whose zero jumps", FIGHTER, Hidden(sensors={"q": flights.stepped(0.006, 8.013)}), "sensor-step:q.size", 0.006),
+    ("vane that is knocked", LINER, Hidden(sensors={"alpha": flights.stepped(-0.003, 5.513)}), "sensor-step:alpha.size", -0.003),
+    ("gyro on a slow bus", LINER, Hidden(sensors={"q": flights.held(0.1, 0.04)}), "sensor-hold:q.period", 0.1),
+    ("vane on a slow bus", TRAINER, Hidden(sensors={"alpha": flights.held(0.08, 0.02)}), "sensor-hold:alpha.period", 0.08),
+)
+BESIDE_LATE_ALPHA = ("gyro that feels load", "gyro whose zero jumps", "gyro on a slow bus")
+LATE_ALPHA = flights.shown_late(0.06)
+
+
+def beside_late_alpha(name: str, aircraft: Aircraft, hidden: Hidden, parameter: str, value: float) -> Case:
+    """The same fault with an angle of attack that is read late."""
+    both = always(replace(hidden, sensors={**hidden.sensors, "alpha": LATE_ALPHA}))
+    names = tuple(frozenset({parameter.rpartition(".")[0], late}) for late in ("sensor-delay:alpha", "sensor-lag:alpha"))
+    return Case(f"{name}, late alpha", aircraft, both, names, parameters={parameter: value})
+
+
 LATE_NZ = (frozenset({"sensor-lag:nz"}), frozenset({"sensor-delay:nz"}))
 NONE = (frozenset[str](),)
 DEAR: Sequence[Case] = (
@@ -182,4 +206,7 @@ DEAR: Sequence[Case] = (
     ),
     Case("a moment that swings by itself", FIGHTER, always(Hidden(moment=swinging)), NONE, ("unexplained",)),
     Case("damping by the sign of the rate", LINER, always(Hidden(moment=rubbing)), NONE, ("unexplained",)),
+    Case("vane behind", FIGHTER, always(Hidden(vane_arm=-9.0)), NONE, ("unexplained",)),
+    *(named(*case) for case in INSTRUMENTS),
+    *(beside_late_alpha(*case) for case in INSTRUMENTS if case[0] in BESIDE_LATE_ALPHA),
 )

@@ -81,6 +81,9 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
         fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), 100.0 * quantity.std)} %"
         above = quantity.value > (0.0 if name == "change" else 1.0)
         fields[f"{name}_direction"] = ("larger" if above else "smaller") if name == "change" else ("too large" if above else "too small")
+        if quantity.unit == "m":
+            side = "ahead of" if quantity.value >= 0.0 else "behind"
+            fields[f"{name}_side"] = f"{_number(abs(quantity.value), quantity.std)} m {side}"
         if quantity.unit == "rad/s":
             fields[f"{name}_hertz"] = f"{_number(quantity.value / (2 * math.pi), quantity.std / (2 * math.pi))} Hz"
     if "count" in claim.parameters:

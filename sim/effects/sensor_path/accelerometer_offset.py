@@ -14,8 +14,8 @@ from sim.declaration.traits import Traits
 from sim.maths.constants import G0
 
 MEASURE_IT = (
-    "no maneuver: measure where the instruments sit, or compare CL_de and CL_q under both readings with a wind-tunnel value; beyond trim, at "
-    "angles where lift or moment bend, the two part"
+    "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask which lift of the control surface can be "
+    "(CL_de, L_delta; it differs most)"
 )
 
 
@@ -36,7 +36,7 @@ class AccelerometerOffset:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("vane-offset",)
     traits: ClassVar[Traits] = Traits(
-        sentences=("the accelerometer sits {arm} ahead of the centre of gravity (behind where negative) and feels the pitch acceleration",),
+        sentences=("the accelerometer sits {arm_side} the centre of gravity and feels the pitch acceleration",),
         short_name="accelerometer away from the centre of gravity",
         separating={"vane-offset": MEASURE_IT},
         twins=("vane-offset",),
