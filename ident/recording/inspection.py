@@ -32,6 +32,8 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
 
     A few tens of milliseconds for a thousand rows of four channels. No finding is raised as an error; what follows from one is the caller's.
     """
+    expected = expected or Expectations()
+    over = expected.gravity / expected.airspeed if expected.airspeed else None
     outputs = [series_of(record, channel) for channel in record.outputs if np.count_nonzero(channel.valid) >= FEWEST]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
@@ -45,8 +47,8 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Findi
     whole = [series_of(clean, clean[series.name]) for series in outputs if not _mostly(masked.get(series.name))]
     for series in whole:
         found += [one for one in (coarse(series), changing_noise(series), hum(series, inputs)) if one is not None]
-    found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked)
-    found += misread(clean, expected or Expectations())
+    found += zero_steps([series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)], inputs, masked, over)
+    found += misread(clean, expected)
     return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
 
 

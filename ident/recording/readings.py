@@ -23,7 +23,7 @@ from sim.record import Channel, Record
 
 # Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column 0.28 at least; the noise of a small motion
 # leaves 0.1 of the right reading, too.
-WRONG, RIGHT = 0.2, 0.15
+WRONG, RIGHT, RIGHT_WITH_CONTROL = 0.2, 0.15, 0.1
 CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
@@ -127,10 +127,10 @@ def _of_angles(columns: Columns, as_read: float) -> Finding | None:
 
 
 def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding | None:
-    readings = sorted(all_readings(columns), key=lambda one: one.left)
+    readings = sorted((one for one in all_readings(columns) if one.left < _right(one, columns)), key=lambda one: one.left)
     best = readings[0] if readings else None
-    if best is not None and as_read > WRONG and best.left < RIGHT and best.left * CLEARLY < as_read:
-        rivals = [one for one in readings[1:] if one.left < CLEARLY * best.left and one.left < RIGHT]
+    if best is not None and as_read > WRONG and best.left * CLEARLY < as_read:
+        rivals = [one for one in readings[1:] if one.left < CLEARLY * best.left]
         if rivals:
             best, rivals = _by_control([best, *rivals], expected)
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
@@ -140,6 +140,11 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
         others = " or ".join(f"{one.channel} {one.sentence}" for one in rivals[:2])
         return Finding(best.channel, best.kind, Certainty.CERTAIN, f"{what}; or {others}", best.remedy, numbers=numbers)
     return wrong_clock(columns, as_read, expected)
+
+
+def _right(reading: Reading, columns: Columns) -> float:
+    """What a reading may leave; less where the control takes part, which a feedback makes look like what it feeds back."""
+    return RIGHT_WITH_CONTROL if reading.kind is Kind.EXCHANGED and columns.control_name in reading.channel.split(" and ") else RIGHT
 
 
 def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:

@@ -24,11 +24,17 @@ OTHERS_QUIET = 4.0  # standard deviations that no other channel's jump exceeds a
 INPUT_QUIET = 0.05  # of an input's span
 INPUT_APART = 0.6  # of a line's length, to which a step of an input must keep: kinks are followed to first order only
 PARTNER = 0.7  # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side lobes of 0.35
+CORNER, CORNER_REACH = 4.0, 0.8  # standard deviations; s on either side of a jump of nz
 MANY = 3  # jumps told of one channel
 
 
-def zero_steps(series: Sequence[Series], inputs: Sequence[Series], masked: Mapping[str, np.ndarray]) -> list[Finding]:
-    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked already."""
+def zero_steps(
+    series: Sequence[Series], inputs: Sequence[Series], masked: Mapping[str, np.ndarray], gravity_over_speed: float | None = None
+) -> list[Finding]:
+    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked already. ``gravity_over_speed`` in 1/s:
+
+    with it a jump of nz is known for a load where the path of alpha bends as a load bends it.
+    """
     if not series or len(series[0].values) < 4 * FEWEST:
         return []
     step = float(np.median(np.diff(series[0].time)))
@@ -49,9 +55,32 @@ def zero_steps(series: Sequence[Series], inputs: Sequence[Series], masked: Mappi
         for at in _peaks(left, weight * each.noise + each.least_bit, length, round(SURROUNDINGS / step)):
             near = slice(max(0, at - 2), at + 3)
             calm = all(np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name] for other in series if other is not each)
+            if each.name == "nz" and _is_load(series, values, rows[at + length], float(left[at]), gravity_over_speed):
+                continue
             if calm and still[at + length] and not _touches(masked.get(each.name), rows[at : at + 2 * length]):
                 out.append(_finding(each, rows[at + length], float(left[at])))
     return out
+
+
+def _is_load(series: Sequence[Series], values: Mapping[str, np.ndarray], row: int, size: float, gravity_over_speed: float | None) -> bool:
+    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the jump is a load; a zero that steps makes a corner.
+
+    The corner is told where it would be ``CORNER`` standard deviations of the noise of alpha.
+    """
+    known = {each.name: each for each in series}
+    time = known["nz"].time
+    if gravity_over_speed is None or not {"alpha", "q"} <= set(known) or len(time) != len(values["nz"]):
+        return False
+    at = time[np.searchsorted(known["nz"].rows, row)]
+    near = np.abs(time - at) < CORNER_REACH
+    t = time[near] - at
+    rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
+    path = values["alpha"][near] - np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    matrix = np.stack([np.ones(len(t)), t, np.maximum(t, 0.0)])
+    inverse = np.linalg.pinv(matrix @ matrix.T)
+    corner, std = float((inverse @ (matrix @ path))[2]), known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
+    expected = abs(gravity_over_speed * size)
+    return expected > CORNER * std and abs(corner) < 0.5 * expected
 
 
 def _still(inputs: Sequence[np.ndarray], count: int, apart: int) -> np.ndarray:

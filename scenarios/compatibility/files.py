@@ -43,7 +43,7 @@ def check_content(check: Check) -> dict[str, Any]:
         "single": [_result(item) for item in result.single],
         "findings": [_finding(item) for item in result.findings if item.stands],
         "cannot_tell": list(result.cannot_tell),
-        "warnings": check.look.doubts,
+        "warnings": [*check.look.doubts, *check.look.set_aside],
         "notes": [*check.notes, *result.notes],
         "record": record_content(check.look),
         "inputs": {

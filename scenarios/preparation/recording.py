@@ -49,6 +49,11 @@ class RawLook:
         return [_with_remedy(one) for one in self.seen if one.done == WARNED]
 
     @property
+    def set_aside(self) -> list[str]:
+        """What samples do not count, and why, one sentence each."""
+        return [f"{one.sentence}; {one.done}" for one in self.seen if one.masked]
+
+    @property
     def lines(self) -> list[str]:
         """What was set aside or is worth knowing, one sentence each."""
         return [f"{one.sentence}; {one.done}" if one.masked else one.sentence for one in self.seen if one.done != WARNED]

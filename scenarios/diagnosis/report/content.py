@@ -52,7 +52,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "residual_tests": {"before": [test_content(test) for test in d.tests_before], "after": [test_content(test) for test in d.tests_after]},
         "steps": [_step(step) for step in d.steps],
         "candidates": [_candidate(candidate) for candidate in d.candidates],
-        "warnings": [*tracing.doubts, *warnings_of(tracing), *_undetermined(d)],
+        "warnings": [*tracing.doubts, *tracing.look.set_aside, *warnings_of(tracing), *_undetermined(d)],
         "notes": list(tracing.notes),
         "record": record_content(tracing.look),
         "advice": verdict_advice(tracing),

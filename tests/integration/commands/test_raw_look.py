@@ -78,7 +78,9 @@ def test_held_samples_are_set_aside_and_said(command: str, sound: Record, tmp_pa
     held = altered(sound, alpha=lambda v: v[4 * (np.arange(len(v)) // 4)])
     out = flightid.done(*arguments(command, written(tmp_path, held)), "--out", tmp_path / "study", "--no-figures")
     assert "record: flight.csv: alpha is updated every 4 samples" in out
-    record = json.loads((tmp_path / "study" / COMMANDS[command]).read_text())["record"]
+    content = json.loads((tmp_path / "study" / COMMANDS[command]).read_text())
+    assert any("alpha is updated every 4 samples" in warning for warning in content["warnings"])
+    record = content["record"]
     assert record["masked"] == {"flight.csv": {"alpha": 450}}
     assert [(one["kind"], one["certainty"]) for one in record["findings"]] == [("held", "costs information")]
 

@@ -103,3 +103,14 @@ def test_white_noise_on_smooth_motion_shows_nothing_at_any_scale(seed: int, scal
         motion = sum(rng.standard_normal() * np.sin(2.0 * math.pi * rng.uniform(0.05, 0.8) * time + rng.uniform(0.0, 6.0)) for _ in range(4))
         channels.append(Channel.of(name, "1", scale * (offset + ratio * motion + rng.standard_normal(len(time)))))
     assert inspect(Record(time, (), tuple(channels))) == ()
+
+
+def test_a_load_that_nothing_recorded_is_told_from_a_zero_of_nz_by_the_path_of_alpha() -> None:
+    """A lift that comes at once and stays bends the path of alpha by (g/V) times the jump of nz; a zero does not."""
+    craft = Aircraft()
+    record = flight(np.random.default_rng(5), craft, duration=20.0)
+    size, after = 0.3, np.maximum(record.time - record.time[613], 0.0)
+    pushed = altered(record, nz=lambda v: v + size * (after > 0.0), alpha=lambda v: v - 9.80665 / craft.airspeed * size * np.minimum(after, 0.8))
+    assert all(one.kind is not Kind.ZERO_STEP for one in inspect(pushed, craft.expected))
+    (one,) = warned(altered(record, nz=lambda v: v + size * (after > 0.0)))
+    assert (one.channel, one.kind) == ("nz", Kind.ZERO_STEP)
