@@ -40,13 +40,21 @@ def bad(outcomes: Sequence[Outcome], *grades: Grade) -> list[str]:
     return [f"{outcome.flight}: {outcome.graded.grade.value}, {outcome.graded.why}" for outcome in outcomes if outcome.graded.grade in grades]
 
 
-def test_a_phugoid_a_late_vane_and_degrees_are_told(tmp_path: Path) -> None:
-    asked = [Case("trainer", "nothing", "small"), Case("fighter", "late-alpha", "large"), Case("jet", "alpha-degrees", "small")]
-    clean, late, degrees = outcomes_of([write_case(tmp_path, case, Recording(), SEED) for case in asked], tmp_path / "studies")
-    assert clean.graded.grade is Grade.RIGHT, clean
+def test_a_late_vane_is_told_and_degrees_are_refused(tmp_path: Path) -> None:
+    asked = [Case("fighter", "late-alpha", "large"), Case("jet", "alpha-degrees", "small")]
+    late, degrees = outcomes_of([write_case(tmp_path, case, Recording(), SEED) for case in asked], tmp_path / "studies")
     assert late.graded.grade is Grade.RIGHT, late
-    assert max(clean.worst, late.worst) < FEW_SIGMAS
+    assert late.worst < FEW_SIGMAS
     assert degrees.graded.grade is Grade.NOTICED, degrees
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("fault", ["nothing", "phugoid"])
+def test_nothing_but_a_phugoid_is_found_where_nothing_was_put_in(vehicle: str, fault: str, tmp_path: Path) -> None:
+    asked = cases([vehicle], [fault], ["small", "large"], [False])
+    outcomes = outcomes_of([write_case(tmp_path, case, Recording(), SEED) for case in asked], tmp_path / "studies")
+    assert all(outcome.graded.grade is Grade.RIGHT and outcome.worst < FEW_SIGMAS for outcome in outcomes), outcomes
 
 
 def _far(outcomes: Sequence[Outcome]) -> float:
