@@ -76,5 +76,7 @@ def _finding(series: Series, at: np.ndarray, level: float, word: str, count: int
 
 def _poisson_tail(count: int, mean: float) -> float:
     """Probability of ``count`` or more."""
+    if count > 50.0 + 10.0 * mean:
+        return 0.0
     below = sum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1)) for k in range(count))
     return max(0.0, 1.0 - below)

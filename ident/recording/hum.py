@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from ident.recording.series import Series
 
 LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 EVEN = 0.02  # of the usual step, within which steps are even
-FEWEST = 128  # samples
+FEWEST, LONGEST = 128, 20_000  # samples that are needed, and looked at
 AROUND, BESIDE = 24, 3  # frequencies whose median is the floor, and those next to a line that belong to it
 # Power over the floor's mean is exponentially distributed under noise: ln(number of frequencies/chance), a third more for the floor's own scatter.
 CHANCE, MARGIN = 1e-5, 1.35
@@ -27,6 +28,7 @@ IN_INPUT = 1e-4  # of an input's span, from which a line of one phase in it may 
 
 def hum(series: Series, inputs: Sequence[Series]) -> Finding | None:
     """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows its excitation; a hum does neither."""
+    series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
     step = np.diff(series.time)
     usual = float(np.median(step)) if step.size else 0.0
     n = len(series.values)
@@ -100,5 +102,5 @@ def _coherence(parts: np.ndarray) -> float:
 
 def _in_input(other: Series, step: float, at: float) -> bool:
     """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics."""
-    parts = _parts(np.diff(other.values, 2), step, at, PARTS)
+    parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5

@@ -86,7 +86,7 @@ def test_what_jumps_in_two_channels_or_returns_is_no_step_of_a_zero(sound: Recor
     assert inspect(altered(sound, q=lambda v: v + 0.1 * brief)) == ()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 100_000),
     scale=st.floats(1e-6, 1e6),

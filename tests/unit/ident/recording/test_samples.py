@@ -92,14 +92,13 @@ def test_a_smooth_channel_that_stands_is_known_by_its_catching_up() -> None:
     assert np.array_equal(np.flatnonzero(one.mask), np.arange(first + 1, first + 12))
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0])
-@pytest.mark.parametrize("bits", [{}, TWELVE_BITS, {"alpha": 0.005, "q": 0.01, "nz": 0.05}, {"alpha": 1e-5, "q": 1e-5, "nz": 1e-4}])
-@pytest.mark.parametrize("kind", ["3211", "doublets", "steps", "sweep"])
-def test_rest_and_coarse_converters_are_no_faults(noise: float, bits: dict[str, float], kind: str) -> None:
-    """Seconds at rest before a doublet, square waves, and rounding from far below to far above the noise."""
-    rng = np.random.default_rng(3) if noise else None
-    record = rounded(flight(rng, kind=kind, noise=noise, duration=20.0, outputs=("alpha", "q", "nz")), **bits)
-    assert [one.sentence for one in inspect(record) if one.certainty is not Certainty.NOTED] == []
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("kind", ["doublets", "sweep"])
+def test_rest_and_coarse_converters_are_no_faults(noise: float, kind: str) -> None:
+    """Rests between doublets, slow turning points, and rounding from far below to far above the noise; without any noise, too."""
+    flown = flight(np.random.default_rng(3) if noise else None, kind=kind, noise=noise)
+    for bits in ({}, TWELVE_BITS, {"alpha": 0.005, "q": 0.01, "nz": 0.05}, {"alpha": 1e-5, "q": 1e-5, "nz": 1e-4}):
+        assert [one.sentence for one in inspect(rounded(flown, **bits)) if one.certainty is not Certainty.NOTED] == []
 
 
 def test_rounding_of_a_fall_is_no_hold() -> None:
@@ -176,7 +175,7 @@ def test_a_coarse_least_bit_is_noted(sound: Record) -> None:
     assert inspect(rounded(sound, alpha=0.0005)) == ()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(1e-8, 1e8), st.floats(-1e3, 1e3), st.integers(100, 2000))
 def test_the_least_bit_is_read_off_any_grid(seed: int, bit: float, offset: float, count: int) -> None:
     numbers = np.unique(np.random.default_rng(seed).integers(0, 5_000, count))

@@ -58,7 +58,8 @@ def test_every_verdict_has_all_that_is_read(verdict: Verdict, vehicle: VehicleFi
     assert set(content["error"]["noise_floor"]) == set(channels)
     units = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
     assert content["error"]["unit"] == {name: units[name] for name in channels}
-    assert {"steps", "candidates", "warnings", "versions"} <= set(content)
+    assert {"steps", "candidates", "warnings", "record", "versions"} <= set(content)
+    assert content["record"] == {"looked_at": [], "trusted": False, "findings": [], "masked": {}}
     assert set(content["inputs"]) >= {"records", "sha256"}
     assert all(std > 0 for path, std in numbers(content) if path.endswith(".std"))
 
