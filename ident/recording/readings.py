@@ -181,4 +181,4 @@ def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
