@@ -13,11 +13,11 @@ import numpy as np
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
-from scenarios.preparation.attitude import ATTITUDE, wants_attitude, with_attitude
+from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
-from scenarios.preparation.plan import BY_HAND, WHOLE, Plan, Segment
+from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, looked_at
 from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.declaration.model import Model
