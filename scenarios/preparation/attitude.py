@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.spikes.detection import input_spikes
-from scenarios.preparation.airspeed import BEGINNING, able, held
+from scenarios.preparation.airspeed import BEGINNING, held
 from scenarios.preparation.plan import ATTITUDE, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.library import applies
 from sim.record import Channel, Record
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
@@ -23,9 +25,9 @@ FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motio
 
 
 def wants_attitude(model: Model) -> bool:
-    """Whether effects on the model's equations can use an attitude: where its speed may change and is not recorded."""
+    """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not recorded."""
     recorded = {signal.name for signal in model.equations.inputs}
-    return bool(able(model)) and SPEED not in recorded
+    return applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:

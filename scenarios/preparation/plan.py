@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # a record loads NumPy, and a process that draws figures star
 
 
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
-MEASURED = (SPEED, DENSITY, LIFT, ATTITUDE)  # inputs of the equations that are measured motion: no control, which alone excites
+MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)  # inputs of the equations that are measured motion: no control, which alone excites
 BY_HAND = "chosen by hand"  # of a hold, in the sentences on how records were prepared
 
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.airspeed import BEGINNING
 from scenarios.preparation.attitude import PARTLY, with_attitude
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.effect import Signal
 from sim.record import Channel, Hold, Record
-from tests.diagnoses import BALLISTIC, measured_record
+from tests.diagnoses import BALLISTIC, LOES, measured_record
 from tests.preparing import OUTPUTS, declared
 from tests.recorded_flight import SIGMAS, flight
 
@@ -70,8 +71,9 @@ def test_where_one_record_lacks_it_none_uses_it_and_that_is_said() -> None:
     assert with_attitude(declared(), [measured_record()])[2] == ""
 
 
-def test_a_model_that_has_no_use_for_it_is_left_alone() -> None:
-    model = model_of_file(BALLISTIC)
+@pytest.mark.parametrize("vehicle", [LOES, BALLISTIC])
+def test_a_model_without_a_phugoid_has_no_use_for_it(vehicle: VehicleFile) -> None:
+    model = model_of_file(vehicle)
     same, (record,), said = with_attitude(model, [with_theta(rising())])
     assert same is model and said == "" and "theta" not in record.output_names
 
