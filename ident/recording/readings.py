@@ -135,10 +135,11 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> Finding |
             best, rivals = _by_control([best, *rivals], expected)
         numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best.left, "1")}
         what = f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion unexplained, read so {_percent(best.left)}"
-        if not rivals:
-            return Finding(best.channel, best.kind, Certainty.CERTAIN, what, best.remedy, numbers=numbers)
-        others = " or ".join(f"{one.channel} {one.sentence}" for one in rivals[:2])
-        return Finding(best.channel, best.kind, Certainty.CERTAIN, f"{what}; or {others}", best.remedy, numbers=numbers)
+        # Without alpha nz stands for it, which an accelerometer off the centre of gravity does badly: only a sign is beyond that.
+        certainty = Certainty.CERTAIN if "alpha" in columns.outputs or best.kind is Kind.SIGN else Certainty.LIKELY
+        if rivals:
+            what += f"; or {' or '.join(f'{one.channel} {one.sentence}' for one in rivals[:2])}"
+        return Finding(best.channel, best.kind, certainty, what, best.remedy, numbers=numbers)
     return wrong_clock(columns, as_read, expected)
 
 
@@ -166,7 +167,7 @@ def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
     if expected.control_power is None or not expected.control_power:
         return []
     found = control_power(columns)
-    if found is None or not sure(found):
+    if found is None or not sure(found) or _contradicted(columns, found.value):
         return []
     ratio, name = found.value / expected.control_power, columns.control_name
     told = f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says {expected.control_power:+.3g}"
@@ -178,6 +179,13 @@ def _of_control(columns: Columns, expected: Expectations) -> list[Finding]:
         remedy = f"name the column {name}_deg, or say its unit in a channel map"
         return [Finding(name, Kind.UNIT, Certainty.CERTAIN, f"is in deg, not in rad: {told}", remedy, numbers=numbers)]
     return []
+
+
+def _contradicted(columns: Columns, power: float) -> bool:
+    """Whether a control power has the other sign with nz in the place of alpha: a vane that is very late bends it so far."""
+    without = replace(columns, outputs={name: values for name, values in columns.outputs.items() if name != "alpha"})
+    other = control_power(without) if "alpha" in columns.outputs else None
+    return other is not None and other.value * power < 0.0
 
 
 def _percent(share: float) -> str:

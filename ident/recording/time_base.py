@@ -16,7 +16,7 @@ CLOSE = 0.7  # of a logarithm: starting values of a vehicle file and effects mak
 
 
 def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> Finding | None:
-    """Certain where pitch attitude or the control's power tell it from a scale of the angle of attack, else likely; None where time is right."""
+    """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else likely; None where time is right."""
     factors = [2.0 ** (step / PER_OCTAVE) for step in range(-PER_OCTAVE * OCTAVES, PER_OCTAVE * OCTAVES + 1) if step]
     left = {factor: max(disagreement(columns.times({"time": factor})).values()) for factor in factors}
     best = min(left, key=lambda factor: left[factor])
@@ -24,9 +24,12 @@ def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> Fin
         return None
     numbers = {"factor": Number(best, "1"), "unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(left[best], "1")}
     what = f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the column says"
-    if {"theta", "alpha"} <= set(columns.outputs) or _control_agrees(columns, best, expected):
+    # Attitude rules out a scale of alpha; one of the pitch rate does the same to it as the clock, and is told by nz alone.
+    attitude = {"theta", "alpha"} <= set(columns.outputs)
+    by_rate = min(max(disagreement(columns.times({"q": factor})).values()) for factor in factors)
+    if (attitude and CLEARLY * left[best] < by_rate) or _control_agrees(columns, best, expected):
         return Finding("time", Kind.TIME_BASE, Certainty.CERTAIN, what, "mend the time column, or say its unit in a channel map", numbers=numbers)
-    what += ", or if the angle of attack has a scale of its own"
+    what += f", or if the {'pitch rate' if attitude else 'angle of attack'} has a scale of its own"
     return Finding("time", Kind.TIME_BASE, Certainty.LIKELY, what, "check the sample rate and the units of the columns", numbers=numbers)
 
 

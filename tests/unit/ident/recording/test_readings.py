@@ -146,3 +146,40 @@ def test_the_power_of_the_control_is_that_of_the_equations(sound: Record) -> Non
     found = control_power(columns)
     assert found is not None and found.explained > 0.95
     assert found.value == pytest.approx(CRAFT.power, rel=0.15)
+
+
+def late(values: np.ndarray, samples: int) -> np.ndarray:
+    return np.concatenate([np.full(samples, values[0]), values[:-samples]])
+
+
+def test_a_scale_of_the_pitch_rate_is_no_clock() -> None:
+    """To alpha and theta a gyro that reads six tenths is a clock that runs slow."""
+    rng = np.random.default_rng(27)
+    craft = drawn(rng)
+    record = flight(rng, craft, duration=20.0, noise=0.5, outputs=("alpha", "q", "nz", "theta"))
+    assert all(one.certainty is not Certainty.CERTAIN for one in inspect(altered(record, q=lambda v: 0.6 * v), craft.expected))
+
+
+def test_attitude_and_load_factor_tell_a_clock() -> None:
+    record = flight(np.random.default_rng(28), outputs=("alpha", "q", "nz", "theta"))
+    one = certain(altered(record, time=lambda t: 2.0 * t), Expectations(CRAFT.airspeed))
+    assert (one.channel, one.kind) == ("time", Kind.TIME_BASE)
+
+
+@pytest.mark.parametrize("seed", [10, 16, 31])
+def test_an_accelerometer_ahead_is_not_refused_for_want_of_a_vane(seed: int) -> None:
+    craft = drawn(np.random.default_rng(seed))
+    record = flight(None, craft, duration=20.0, outputs=("q", "nz"))
+    slope = np.gradient(record["q"].values, record.time)
+    ahead = altered(record, nz=lambda v: v + 12.0 / G0 * slope)
+    assert all(one.certainty is not Certainty.CERTAIN for one in inspect(ahead, craft.expected))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_very_late_vane_in_rough_air_turns_no_sign_of_the_control(seed: int) -> None:
+    craft = Aircraft(lift=1.8, stiffness=-22.0, damping=-4.2, power=-6.1, elevator_lift=0.03, airspeed=111.0)
+    record = flight(np.random.default_rng(seed), craft, "sweep", 50.0, 20.0, size=0.04, noise=0.5, gust=0.003)
+    late = altered(record, alpha=lambda v: np.concatenate([np.full(10, v[0]), v[:-10]]))
+    assert all(one.kind is not Kind.SIGN for one in inspect(late, craft.expected))
+    turned = [one.kind for one in inspect(altered(record, elevator=np.negative), craft.expected)]
+    assert turned == [Kind.SIGN]
