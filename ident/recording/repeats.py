@@ -86,7 +86,8 @@ def stuck(series: Series, others: Sequence[Series], inputs: Sequence[Series], co
     times = tuple((float(series.time[begin]), float(series.time[end])) for begin, end in chosen)
     longest = max(last - first for first, last in times)
     places = f"{len(times)} times, " if len(times) > 1 else ""
-    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {'are exact zeros' if len(void) == len(chosen) else 'repeat the one before exactly'}"
+    what = "are exact zeros" if len(void) == len(chosen) else "repeat the one before exactly"
+    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
     numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return Finding(series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)
