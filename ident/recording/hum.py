@@ -53,7 +53,7 @@ def hum(series: Series, inputs: Sequence[Series]) -> Finding | None:
     sizes = np.abs(parts)
     if _coherence(parts) < COHERENT or np.max(sizes) > STEADY * np.min(sizes) or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit):
         return None
-    if any(_in_input(other, usual, at) for other in inputs):
+    if any(_in_input(other, at) for other in inputs):
         return None
     told = f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in phase and size throughout"
     told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
@@ -100,7 +100,8 @@ def _coherence(parts: np.ndarray) -> float:
     return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
 
 
-def _in_input(other: Series, step: float, at: float) -> bool:
-    """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics."""
+def _in_input(other: Series, at: float) -> bool:
+    """Whether an input has the line itself, one phase throughout, as a periodic one has at its harmonics; at its own sample rate."""
+    step = float(np.median(np.diff(other.time)))
     parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5

@@ -88,12 +88,3 @@ def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
         for channel in record.outputs
     )
     return replace(record, outputs=outputs)
-
-
-def masks_of(findings: Sequence[Finding]) -> dict[str, np.ndarray]:
-    """By channel the rows that its findings mask."""
-    out: dict[str, np.ndarray] = {}
-    for one in findings:
-        if one.mask.size:
-            out[one.channel] = out.get(one.channel, np.zeros(len(one.mask), dtype=bool)) | one.mask
-    return out

@@ -16,7 +16,7 @@ FEWEST = 30  # samples of a part
 FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
 # Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for independent ones, 1.58 by simulation for these.
 SCATTER = 1.6
-SURE = 4.5  # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in 20,000 channels
+SURE = 4.5  # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in 5000 channels
 MOTION = 1.4  # ratio of the noise by second and fourth differences, beyond which a part shows motion
 
 

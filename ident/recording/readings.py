@@ -124,7 +124,7 @@ def _of_angles(columns: Columns, as_read: float) -> Finding | None:
     names = [name for name in columns.outputs if name in UNITS]
     if "alpha" not in names or len(names) < 2 or "nz" not in columns.outputs or float(np.ptp(columns.outputs["alpha"])) < LARGE:
         return None
-    other = max(disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values())
+    other = max(disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(), default=math.inf)
     if other > SUITS or CLEARLY * other > as_read:
         return None
     told = "are in degrees, not in radians: with nz the kinematics hold only so"

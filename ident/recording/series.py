@@ -106,8 +106,3 @@ def runs_of(same: np.ndarray) -> np.ndarray:
     """Begin and end (exclusive) of every run of True, shape ``(runs, 2)``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
-
-
-def merged(time: np.ndarray, runs: np.ndarray) -> tuple[tuple[float, float], ...]:
-    """Times of runs of samples (begin, last)."""
-    return tuple((float(time[begin]), float(time[last])) for begin, last in runs)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis
+from scenarios.preparation.plan import BY_HAND
 from sim.declaration.proposal import Traceable
 from sim.record import Hold, Record
 
-BY_HAND = "chosen by hand"
 READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
 
 

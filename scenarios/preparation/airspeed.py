@@ -151,7 +151,8 @@ def held(values: np.ndarray, hold: Hold) -> np.ndarray:
 
 
 def _smooth(record: Record, channel: Channel) -> np.ndarray:
-    known = despiked(channel)
+    known = channel.valid.copy()
+    known[known] = ~_spikes(channel.values[known])
     time, step = record.time, float(np.median(np.diff(record.time)))
     grid = np.linspace(time[0], time[-1], max(2, 1 + round((time[-1] - time[0]) / step)))
     even = np.interp(grid, time[known], channel.values[known])
@@ -168,13 +169,6 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
         remedy = "leave the column out, or cut the record there with --from and --to"
         raise RecordError(f"{channel.name} is not above zero at {at:g} s", where=f"{record.name}, channel {channel.name}", remedy=remedy)
     return np.asarray(values)
-
-
-def despiked(channel: Channel) -> np.ndarray:
-    """The samples of a slow channel that count, ``(N,)``: those that are there and that their neighbours explain."""
-    known = channel.valid.copy()
-    known[known] = ~_spikes(channel.values[known])
-    return known
 
 
 def _line(values: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.statistics.robust import robust_sigma_about_zero
-from scenarios.preparation.plan import PORTS
+from scenarios.preparation.plan import MEASURED_MOTION
 from scenarios.preparation.plausibility import moves, why_unpredictable
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -61,7 +61,7 @@ def _stand_for(others: Sequence[Record], last: Record) -> bool:
     measured = {channel.name for record in others for channel in record.outputs if np.any(channel.valid)}
     moved = {channel.name for record in others for channel in record.inputs if moves(channel)}
     shown = {channel.name for channel in last.outputs}
-    steered = {channel.name for channel in last.inputs if channel.name not in PORTS and moves(channel)}
+    steered = {channel.name for channel in last.inputs if channel.name not in MEASURED_MOTION and moves(channel)}
     return enough and shown <= measured and steered <= moved
 
 
@@ -95,7 +95,7 @@ def _cut(record: Record) -> int:
     moved = np.zeros(len(record))
     resting = np.ones(len(record), dtype=bool)
     for channel in record.inputs:
-        if channel.name in PORTS:  # the measured flow drifts; only controls excite
+        if channel.name in MEASURED_MOTION:  # a measured flow or attitude drifts; only controls excite
             continue
         away = np.abs(channel.values - np.median(channel.values))
         peak = float(away.max())

@@ -14,8 +14,9 @@ if TYPE_CHECKING:  # a record loads NumPy, and a process that draws figures star
     from sim.record import Hold
 
 
-SPEED, DENSITY, LIFT = "airspeed_change", "density_change", "lift"
-PORTS = (SPEED, DENSITY, LIFT)
+SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
+MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)  # inputs of the equations that are measured motion: no control, which alone excites
+BY_HAND = "chosen by hand"  # of a hold, in the sentences on how records were prepared
 
 
 @dataclass(frozen=True)

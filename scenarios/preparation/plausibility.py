@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.statistics.robust import robust_sigma_about_zero
-from scenarios.preparation.plan import PORTS
+from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -32,11 +32,11 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
             if _still(channel):
                 what, remedy = "all samples are the same", "leave the column out: a sensor at work shows noise at least"
                 raise RecordError(what, where=f"{record.name}, channel {channel.name}", remedy=remedy)
-    controls = [signal.name for signal in model.equations.inputs if signal.name not in PORTS]
+    controls = [signal.name for signal in model.equations.inputs if signal.name not in MEASURED_MOTION]
     if controls and all(_still(record[name]) for record in records for name in controls):
         what = f"the {' and the '.join(controls)} never moves: nothing shows what it does"
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
-    if controls and not any(moves(channel) for record in records for channel in record.channels if channel.name not in PORTS):
+    if controls and not any(moves(channel) for record in records for channel in record.channels if channel.name not in MEASURED_MOTION):
         what = f"neither the {' nor the '.join(controls)} nor any output moves above its noise: nothing shows what the aircraft does"
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
 

@@ -13,11 +13,11 @@ import numpy as np
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
-from scenarios.preparation.attitude import ATTITUDE, wants_attitude, with_attitude
+from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
 from scenarios.preparation.load_factor import with_load_factor
-from scenarios.preparation.plan import WHOLE, Plan, Segment
+from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, looked_at
 from scenarios.preparation.trim import about_trim, trim_sentence
 from sim.declaration.model import Model
@@ -152,7 +152,7 @@ def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool
     if plan.hold is not None:
         word = "held" if plan.hold is Hold.PREVIOUS else "linear"
         weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
-        return plan.hold, weight, [f"inputs {word} between samples: chosen by hand", *of_weight]
+        return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
     gain = 0.0 if known else linear_by(fitted, model, partial(with_flow, weight=weight))
     if gain < BETTER:
         return None, weight, of_weight

@@ -121,16 +121,5 @@ def clock_fast(factor: float) -> Fault:
     return act
 
 
-def several(*faults: Fault) -> Fault:
-    """Faults one after the other, the first nearest to the physics."""
-
-    def act(flight: Flight) -> Flight:
-        for fault in faults:
-            flight = fault(flight)
-        return flight
-
-    return act
-
-
 def nothing(flight: Flight) -> Flight:
     return flight

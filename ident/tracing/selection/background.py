@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters
+from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, local_names
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.screening.context import search_context
@@ -87,6 +87,8 @@ def _evidence(number: int, fitted: FittedModel, effect: Traceable, child: Fitted
     from scipy.special import chdtrc
 
     found, brought = quantities(child, effect), fitted.fit.cost - child.fit.cost
-    parameters = added_parameters(effect, len(fitted.fit.layout.problems))
+    # Chance has all of them to itself, those too that are known beforehand and that the search does not charge.
+    own, records = len(local_names(effect)), len(fitted.fit.layout.problems)
+    parameters = len(free_names(effect)) + own * (records - 1)
     p_value = float(chdtrc(parameters, max(2.0 * brought, 0.0)))
     return Candidate(number, fitted.names, effect.name, float(brought), p_value, True, not implausible(effect, found, slack=0.0), found, None, ())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,16 @@ def test_structure_that_rings_or_is_shaken_is_no_hum(sound: Record) -> None:
 def test_harmonics_of_a_periodic_input_are_no_hum() -> None:
     record = flight(np.random.default_rng(3), kind="steps", duration=30.0, noise=0.1, rate=80.0)
     assert inspect(record) == ()
+
+
+def test_a_line_of_the_input_is_no_hum_of_a_channel_of_a_lower_rate() -> None:
+    time, rng = 0.01 * np.arange(4000), np.random.default_rng(6)
+    line = 0.02 * np.sin(2.0 * math.pi * 9.0 * time)
+    slow = np.where(np.arange(4000) % 3 == 0, line + 0.003 * rng.standard_normal(4000), np.nan)
+    driven = Record(time, (Channel.of("elevator", "rad", line),), (Channel.of("q", "rad/s", slow),))
+    assert all(one.kind is not Kind.HUM for one in inspect(driven))
+    (one,) = inspect(replace(driven, inputs=()))
+    assert one.kind is Kind.HUM
 
 
 @pytest.mark.parametrize("channel", ["alpha", "q", "nz"])

@@ -79,6 +79,11 @@ def test_attitude_tells_which_of_two_angles_is_in_degrees() -> None:
     assert (one.channel, one.kind) == ("theta", Kind.UNIT)
 
 
+def test_angles_in_degrees_without_a_pitch_rate_are_no_crash() -> None:
+    record = flight(np.random.default_rng(27), size=0.01, noise=0.3, outputs=("alpha", "nz", "theta"))
+    assert inspect(altered(record, alpha=lambda v: DEGREES * v, theta=lambda v: DEGREES * v), Expectations()) == ()
+
+
 def test_az_is_told_under_its_own_name(sound: Record) -> None:
     az = Channel.of("az", "m/s2", G0 * sound["nz"].values)
     one = certain(Record(sound.time, sound.inputs, (sound["alpha"], sound["q"], az)))

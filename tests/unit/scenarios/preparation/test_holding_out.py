@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -52,6 +54,13 @@ def test_cut_falls_into_a_rest_between_two_maneuvers() -> None:
     first, last = hold_out(record_of(time, control))
     assert 9.4 <= last.time[0] <= 13.1
     assert first["elevator"].values[-20:].any() == False  # noqa: E712
+
+
+def test_a_measured_attitude_is_no_control_that_excites() -> None:
+    time = 0.02 * np.arange(1000)
+    record = record_of(time, np.where((time > 1) & (time < 9), 0.05 * np.sign(np.sin(3.0 * time)), 0.0))
+    with_attitude = replace(record, inputs=(*record.inputs, Channel.of("theta", "rad", 0.01 * time)))
+    assert hold_out(with_attitude)[1].time[0] == hold_out(record)[1].time[0]
 
 
 def test_without_inputs_the_last_three_tenths_are_held_out() -> None:

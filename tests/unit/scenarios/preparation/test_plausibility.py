@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scenarios.preparation.attitude import with_attitude
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.plausibility import moves, refuse_still
 from scenarios.preparation.recording import expectations_of, looked_at
@@ -47,6 +48,16 @@ def test_a_control_may_rest_in_some_records_but_not_in_all(sound: Record) -> Non
     refuse_still([sound, resting], declared())
     with pytest.raises(RecordError, match="the elevator never moves"):
         refuse_still([resting, resting], declared())
+
+
+def test_a_measured_attitude_is_no_control_that_moves(sound: Record) -> None:
+    """Recorded with the motion, it moves beside an elevator that does not."""
+    resting = with_values(sound, "elevator", np.full(len(sound), 0.02))
+    attitude = Channel.of("theta", "rad", np.linspace(0.0, 0.2, len(sound)))
+    model, (record,), said = with_attitude(declared(), [replace(resting, outputs=(*resting.outputs, attitude))])
+    assert said and record.input_names == ("elevator", "theta")
+    with pytest.raises(RecordError, match="the elevator never moves"):
+        refuse_still([record], model)
 
 
 @given(st.integers(0, 10_000), st.integers(10, 3000), st.floats(1e-6, 1e6))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import chdtrc
 
 from ident.tracing.candidate_model.fitted_model import added_parameters, local_names
 from ident.tracing.candidate_model.quantities import quantities
@@ -74,6 +75,12 @@ def test_parameters_of_the_aircraft_are_shared_and_cost_nothing() -> None:
     assert {name.partition(", ")[0] for name in fuller.fit.layout.names[len(fuller.fit.layout.shared) :]} >= {"phugoid.attitude"}
     assert with_known_background(ledger, ledger.models[frozenset()]) is fuller
     assert np.isfinite(fuller.criterion) and fuller.background == fuller.effects and fuller.foreground == ()
+
+
+def test_its_p_value_counts_every_parameter_that_the_fit_moved() -> None:
+    ledger, _ = with_background(*_begun(problem_of([flown(9, attitude=0.004)], (Phugoid(),))), 1)
+    (seen,) = ledger.evidence
+    assert seen.p_value == pytest.approx(float(chdtrc(4, 2.0 * seen.gain)), rel=1e-9)
 
 
 def _begun(problem: Any) -> tuple[Ledger, Any]:
