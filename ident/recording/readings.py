@@ -28,6 +28,7 @@ CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 NEAR = 3.0  # factor within which a control power is that of the vehicle's data; effects and starting values differ by 2, degrees by 57
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
 TOGETHER, APART = 0.85, 0.7
+SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
 SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
 LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
@@ -91,11 +92,17 @@ def _of_lift(columns: Columns, as_read: float) -> Finding | None:
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
         return None
-    lag = lag_of(columns)
+    lag, step = lag_of(columns), float(np.median(np.diff(columns.time)))
+    alpha = change(y["alpha"], lag)
+    shifts = sorted({min(round(late / step), len(alpha) // 4) for late in SHIFTS})
 
     def goes_with_alpha(values: np.ndarray) -> float:
+        """The largest correlation of changes, either column up to ``SHIFTS`` late."""
+        other = change(values, lag)
         with np.errstate(invalid="ignore"):
-            return float(np.nan_to_num(np.corrcoef(change(y["alpha"], lag), change(values, lag))[0, 1]))
+            found = [float(np.nan_to_num(np.corrcoef(alpha[k:], other[: len(other) - k])[0, 1])) for k in shifts]
+            found += [float(np.nan_to_num(np.corrcoef(alpha[: len(alpha) - k], other[k:])[0, 1])) for k in shifts]
+        return max(found, key=abs)
 
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())

@@ -70,19 +70,24 @@ def held(series: Series, count: int) -> Finding | None:
 
 
 def stuck(series: Series, others: Sequence[Series], inputs: Sequence[Series], count: int, taken: np.ndarray) -> Finding | None:
-    """Longer runs of one value that nothing but a fault explains, masked but for their first sample. ``taken``: rows that are masked already."""
+    """Longer runs of one value that nothing but a fault explains, masked but for their first sample. ``taken``: rows that are masked already.
+
+    The first sample of a run is a measurement, but for exact zeros in a channel that has noise: those stand for none at all.
+    """
     same = np.diff(series.values) == 0.0
     runs = [(int(b), int(e)) for b, e in runs_of(same) if e - b >= SHORTEST and not np.any(taken[series.rows[b + 1 : e + 1]])]
     chosen = [run for run in runs if _impossible(series, others, *run) or _catches_up(series, inputs, *run)]
     if not chosen:
         return None
     mask = np.zeros(count, dtype=bool)
+    void = [run for run in chosen if series.values[run[0]] == 0.0 and series.noise > 0.0]
     for begin, end in chosen:
-        mask[series.rows[begin + 1 : end + 1]] = True
+        mask[series.rows[begin + ((begin, end) not in void) : end + 1]] = True
     times = tuple((float(series.time[begin]), float(series.time[end])) for begin, end in chosen)
     longest = max(last - first for first, last in times)
     places = f"{len(times)} times, " if len(times) > 1 else ""
-    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples repeat the one before exactly"
+    what = "are exact zeros" if len(void) == len(chosen) else "repeat the one before exactly"
+    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
     numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return Finding(series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ident.tracing import thresholds
@@ -12,9 +12,11 @@ from ident.tracing.equivalents import are_equivalent, told_by_declared
 from ident.tracing.selection.backward import refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
-from ident.tracing.selection.near_aliases import near_aliases
+from ident.tracing.selection.near_aliases import equivalent_sets, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, predicted_by
 from sim.declaration.proposal import Refinable
+
+Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +47,44 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
         return ledger, Choice(best, out)
     if held.choosing:
         ledger, best, out = _in_freer_form(ledger, best, out, held)
-    compared = {frozenset(best.names): (best, out)}
+    compared: Compared = {frozenset(best.names): (best, out)}
     ledger, alike = near_aliases(ledger, best, settings.near)
     wide = held.choosing and doubted(out)
-    for fitted in [
-        *_near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR),
-        *alike,
-    ]:
-        ledger, other = refined(ledger, fitted)
-        compared[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
-    # By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
-    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    near = _near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR)
+    ledger, compared = _with(ledger, compared, [*near, *alike], held)
+    leading, totals = _leading(compared, held)
+    for _ in best.effects:
+        # Another than the best may lead now, and has equivalents of its own.
+        ledger, alike = equivalent_sets(ledger, compared[leading][0], settings.near)
+        further = [fitted for fitted in alike if frozenset(fitted.names) not in compared]
+        if not further:
+            break
+        ledger, compared = _with(ledger, compared, further, held)
+        leading, totals = _leading(compared, held)
     misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
-    models = {key: fitted for key, (fitted, _) in compared.items()}
-    totals = told_by_declared(totals, models)
-    chosen, fits = compared[_likelier_cause(models, totals)]
+    chosen, fits = compared[leading]
     if not held.choosing and chosen is not best:
         fits = predicted_by(chosen, held)
     return ledger, Choice(chosen, fits, totals, misfits)
+
+
+def _leading(compared: Compared, held: HeldOutData) -> tuple[Key, Mapping[Key, float]]:
+    """The set that leads, and the criterion of each over all data that take part.
+
+    By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
+    """
+    models = {key: fitted for key, (fitted, _) in compared.items()}
+    totals = told_by_declared({key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}, models)
+    return _likelier_cause(models, totals), totals
+
+
+def _with(ledger: Ledger, compared: Compared, sets: Sequence[FittedModel], held: HeldOutData) -> tuple[Ledger, Compared]:
+    """Further sets fitted to the end, with what they do on the data that take part."""
+    out = dict(compared)
+    for fitted in sets:
+        ledger, other = refined(ledger, fitted)
+        out[frozenset(other.names)] = (other, predicted_by(other, held, informed=True) if held.choosing else HeldOut(None, None))
+    return ledger, out
 
 
 def _likelier_cause(compared: Mapping[Key, FittedModel], totals: Mapping[Key, float]) -> Key:

@@ -89,6 +89,8 @@ def _always(fault: SheetFault) -> Callable[[float, np.random.Generator], SheetFa
     return lambda size, rng: fault
 
 
+# At constant speed a clock k times fast is the angle of attack times 1/k: k alpha_dot = q - (g/V) nz, and the derivatives take up the rest.
+CLOCK_TWIN = "sensor-scale:alpha"
 ALPHA_LATE, Q_LATE, NZ_LATE = (f"sensor-delay:{name} sensor-lag:{name}" for name in ("alpha", "q", "nz"))
 NOTHING = _on_signals("nothing", "", _calm, "")
 LATE_ALPHA = _on_signals("late-alpha", "0.03 0.12 s", partial(injected.late_sensor, "alpha"), "alpha", ALPHA_LATE, "vane-offset")
@@ -112,7 +114,7 @@ ON_SIGNALS = (
     _on_signals("q-zero-step", "3 10 sigma", _stepped("q", 0.4), "q", "sensor-step:q"),
     _on_signals("nz-drift", "0.001 0.004 g/s", partial(injected.drifting, "nz"), "nz", "sensor-drift:nz", either=True),
     _on_signals("alpha-held", "0.08 0.20 s", partial(injected.held, "alpha"), "alpha", "sensor-hold:alpha", "sensor-delay:alpha"),
-    _on_signals("clock-fast", "0.05 0.15 part", _clock, "time_base clock", "time-base", "sensor-scale:alpha"),
+    _on_signals("clock-fast", "0.05 0.15 part", _clock, "time_base clock", "time-base", CLOCK_TWIN),
 )
 IN_THE_FILE = (
     _in_the_file("q-held-lower", "3 8 rows", lambda size, rng: recorder.held_lower("q", round(size)), "q", "sensor-hold:q", "sensor-delay:q"),
@@ -131,9 +133,7 @@ IN_THE_FILE = (
     *(_in_the_file(f"{name}-turned", "", _always(recorder.sign_turned(name)), name) for name in ("alpha", "q", "nz", "elevator")),
     _in_the_file("alpha-q-exchanged", "", _always(recorder.exchanged("alpha", "q")), "alpha q"),
     _in_the_file("alpha-elevator-exchanged", "", _always(recorder.exchanged("alpha", "elevator")), "alpha elevator"),
-    _in_the_file(
-        "time-base-wrong", "0.10 1.0 part", lambda size, rng: recorder.time_base(1.0 + size), "time_base clock", "time-base", "sensor-scale:alpha"
-    ),
+    _in_the_file("time-base-wrong", "0.10 1.0 part", lambda size, rng: recorder.time_base(1.0 + size), "time_base clock", "time-base", CLOCK_TWIN),
 )
 FAULTS = {one.name: one for one in (*ON_SIGNALS, *IN_THE_FILE)}
 FIRST = ("nothing", "late-alpha", "vane-ahead", "q-scale", "late-surface", "accelerometer-ahead", "rough-air")

@@ -9,7 +9,7 @@ import numpy as np
 from ident.process_noise.filter_error import turbulence_worth_trying
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, is_event
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
@@ -18,7 +18,7 @@ from ident.tracing.selection.background import with_background
 from ident.tracing.selection.criterion import gain, is_white
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import NoiseEffect, full_name
-from sim.declaration.proposal import Traceable
+from sim.declaration.proposal import Curve, Traceable
 
 
 def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, list[FittedModel]]:
@@ -38,8 +38,7 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
         if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect) or finding.effect.traits.background)
         and not only_beside_another(finding.effect)
     ]
-    most = max((finding.gain for finding in findings), default=0.0)
-    if fuller is not fitted and most < thresholds.DWARFED * (fitted.fit.cost - fuller.fit.cost):
+    if fuller is not fitted and not _waits(findings, fitted.fit.cost - fuller.fit.cost):
         ledger, further = expand(ledger, fuller, number)
         return ledger, [fuller, *further]
     problem.progress(f"round {number}: {' + '.join(fitted.names) or 'declared model'}", number / (problem.settings.depth + 1))
@@ -53,6 +52,20 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
                     children[place] = child
     ledger, accepted = _accepted(ledger, fitted, number, findings, children)
     return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
+
+
+def _waits(findings: Sequence[Finding], brought: float) -> bool:
+    """Whether what any record may have waits, since another cause brings more.
+
+    Of what can imitate slow motion (what belongs to one record, events, curves, guards) it takes far more than of a steady cause.
+    """
+    steady = [finding.gain for finding in findings if not _imitates(finding.effect)]
+    every = [finding.gain for finding in findings]
+    return max(steady, default=0.0) > thresholds.OUTDONE * brought or max(every, default=0.0) > thresholds.DWARFED * brought
+
+
+def _imitates(effect: Traceable) -> bool:
+    return belongs_to_record(effect) or is_event(effect) or isinstance(effect, Curve) or effect.traits.guard
 
 
 def with_process_noise(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, list[FittedModel]]:

@@ -27,27 +27,45 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
     """
     found: list[FittedModel] = []
     for effect in best.effects:
-        names = _alike(ledger, best, effect)
-        if not names:
+        ledger, alike = _in_the_place_of(ledger, best, effect, _alike(ledger, best, effect), within)
+        found += alike
+    return ledger, found
+
+
+def equivalent_sets(ledger: Ledger, fitted: FittedModel, within: float) -> tuple[Ledger, list[FittedModel]]:
+    """Sets with one effect replaced by another that no record tells from it: those that were fitted already, and the others."""
+    found: list[FittedModel] = []
+    for effect in fitted.effects:
+        rest = frozenset(fitted.names) - {effect.name}
+        known = {name for name in effect.traits.equivalents if rest | {name} in ledger.models}
+        found += [ledger.models[rest | {name}] for name in sorted(known)]
+        ledger, others = _in_the_place_of(ledger, fitted, effect, {*effect.traits.equivalents} - known - rest, within)
+        found += others
+    return ledger, found
+
+
+def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names: set[str], within: float) -> tuple[Ledger, list[FittedModel]]:
+    if not names:
+        return ledger, []
+    ledger, base = _without(ledger, best, effect)
+    if base is None:
+        return ledger, []
+    found: list[FittedModel] = []
+    brought = base.fit.cost - best.fit.cost
+    candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
+    for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
+        # What no record tells apart is shown whatever a base fit that bent far says of it, and whatever the search has spent.
+        alike = finding.effect.name in effect.traits.equivalents
+        if not alike and (finding.gain < thresholds.LOOKS_ALIKE * brought or ledger.exhausted):
             continue
-        ledger, base = _without(ledger, best, effect)
-        if base is None:
+        ledger, child = best_fit(ledger, base, finding, 1)
+        ledger, child = _freely(ledger, child, best, finding.effect)
+        if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within:
             continue
-        brought = base.fit.cost - best.fit.cost
-        candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
-        for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
-            # What no record tells apart is shown whatever a base fit that bent far says of it, and whatever the search has spent.
-            alike = finding.effect.name in effect.traits.equivalents
-            if not alike and (finding.gain < thresholds.LOOKS_ALIKE * brought or ledger.exhausted):
-                continue
-            ledger, child = best_fit(ledger, base, finding, 1)
-            ledger, child = _freely(ledger, child, best, finding.effect)
-            if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within:
-                continue
-            ledger = ledger.kept(child, ledger.score(best) + child.criterion - best.criterion)
-            sentence = f"{finding.effect.name} in the place of {effect.name} fits nearly as well"
-            ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
-            found.append(ledger.known(child))
+        ledger = ledger.kept(child, ledger.score(best) + child.criterion - best.criterion)
+        sentence = f"{finding.effect.name} in the place of {effect.name} fits nearly as well"
+        ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
+        found.append(ledger.known(child))
     return ledger, found
 
 

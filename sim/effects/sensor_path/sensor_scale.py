@@ -41,11 +41,6 @@ class SensorScale:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"scale": 1.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the {channel} is read {scale_percent} {scale_direction}",),
-        separating={**dict.fromkeys(("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK), "sensor-scale": WITH_LOAD_FACTOR},
-        plausible={"scale": (0.6, 1.6)},
-    )
     explanation: ClassVar[str] = (
         "The sensor's calibration factor is wrong: y_recorded = scale y + bias. A vane in the upwash of the fuselage reads too much, a gyro with a "
         "wrong range setting any amount. One scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join the three "
@@ -61,6 +56,15 @@ class SensorScale:
     @property
     def aliases(self) -> tuple[str, ...]:
         return _ALIASES.get(self.channel, ())
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is read {scale_percent} {scale_direction}",),
+            separating={**dict.fromkeys(("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK), "sensor-scale": WITH_LOAD_FACTOR},
+            equivalents=("time-base",) if self.channel == "alpha" else (),
+            plausible={"scale": (0.6, 1.6)},
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return () if self.channel == "altitude" else [Probe({"scale": 1.0}, ("scale",))]

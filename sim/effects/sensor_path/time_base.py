@@ -34,6 +34,7 @@ class TimeBase:
         short_name="clock of the record",
         separating={"sensor-scale": "the pitch attitude recorded as well, or the record's time held against another clock"},
         twins=("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz"),
+        equivalents=("sensor-scale:alpha",),
         rarer_than=("sensor-scale:alpha",),
         plausible={"factor": (0.8, 1.25)},
     )

@@ -148,8 +148,14 @@ def test_the_power_of_the_control_is_that_of_the_equations(sound: Record) -> Non
     assert found.value == pytest.approx(CRAFT.power, rel=0.15)
 
 
-def late(values: np.ndarray, samples: int) -> np.ndarray:
-    return np.concatenate([np.full(samples, values[0]), values[:-samples]])
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz", "elevator"])
+def test_a_turned_sign_is_certain_beside_a_late_vane(channel: str) -> None:
+    """The commonest other fault: alpha late by 0.15 s."""
+    smooth = flight(np.random.default_rng(27), size=0.04, noise=0.3)
+    late = altered(smooth, alpha=lambda v: np.concatenate([v[:8][::-1], v[:-8]]))
+    assert inspect(late, CRAFT.expected) == ()
+    one = certain(altered(late, **{channel: np.negative}))
+    assert (one.channel, one.kind) == (channel, Kind.SIGN)
 
 
 def test_a_scale_of_the_pitch_rate_is_no_clock() -> None:

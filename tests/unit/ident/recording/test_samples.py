@@ -80,6 +80,18 @@ def test_a_channel_that_stands_for_a_while_is_masked_but_for_its_first_sample(so
     assert np.array_equal(np.flatnonzero(one.mask), np.arange(301, 330))
 
 
+def test_a_run_of_zeros_leaves_no_first_sample(sound: Record) -> None:
+    """Zeros among motion about zero are told as stuck; their first is no fresh measurement, and would stand as a spike."""
+    rows = np.arange(len(sound))
+    away = (rows >= 300) & (rows < 375)
+    told = [one for one in inspect(altered(sound, q=lambda v: np.where(away, 0.0, v))) if one.certainty is Certainty.COSTS_INFORMATION]
+    masked = np.zeros(len(sound), dtype=bool)
+    for one in told:
+        masked |= one.mask
+    assert {one.channel for one in told} == {"q"} and np.array_equal(masked, away)
+    assert "are exact zeros" in told[0].sentence
+
+
 def test_a_channel_that_dies_is_masked_to_the_end(sound: Record) -> None:
     one = found(altered(sound, alpha=stuck(500, 10_000)), Kind.STUCK)
     assert np.array_equal(np.flatnonzero(one.mask), np.arange(501, len(sound)))

@@ -226,7 +226,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
     found = {guard.name: guard for guard in guards_for(ShortPeriod())}
-    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
+    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives", "vane-behind")
     assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():
 
