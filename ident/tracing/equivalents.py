@@ -28,8 +28,8 @@ def told_by_declared(totals: Mapping[Key, float], models: Mapping[Key, FittedMod
     others lie above it by twice the logarithm of the odds; all other sets keep theirs.
     """
     best = min(totals, key=lambda key: totals[key])
-    alike = [key for key in totals if key == best or are_equivalent(models[best], best - key, key - best)]
-    if len(alike) == 1:
+    alike = [key for key in totals if key == best or (np.isfinite(totals[key]) and are_equivalent(models[best], best - key, key - best))]
+    if len(alike) == 1 or not np.isfinite(totals[best]):
         return dict(totals)
     said = {key: totals[key] + misfit_to_declared(models[key]) for key in alike}
     least = min(said.values())

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.tracing.diagnosis import Diagnosis
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.preparation.plan import BY_HAND
 from sim.declaration.proposal import Traceable
 from sim.record import Hold, Record
 
+STRENGTH = (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.PARTIAL, Verdict.UNEXPLAINED)
 READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
 
 
@@ -24,6 +25,11 @@ def moves_between_samples(diagnosis: Diagnosis, candidates: Sequence[Traceable],
     interval = max(float(np.median(np.diff(record.time))) for record in records)
     times = {effect.name: effect.traits.within_interval for effect in candidates if effect.traits.within_interval}
     return any(found.name in times and found.parameters[times[found.name]].value < interval for found in diagnosis.effects)
+
+
+def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
+    """Whether the second reading of the inputs explains at least as much as the first."""
+    return STRENGTH.index(again.verdict) <= STRENGTH.index(first.verdict)
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from ident.statistics.coloured_covariance import effective_share
 from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event, local_names
 from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.equivalents import guard_is_likelier
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, own_quantities, replicate
@@ -46,7 +46,7 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], base: Fitted
     found: list[CrossValidatedEffect] = []
     compared: list[CrossValidation] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or belongs_to_record(c) or is_event(c))]
-    first = flight.fit(base.effects, range(len(flight.records)), None, base.values.shared)
+    first = flight.fit(base.effects, range(len(flight.records)), None, _begun(base))
     steps: list[_Step] = []
     while first is not None and len(found) < thresholds.DEEPEST:
         step = _weigh_all(flight, usable, found[-1].best.fitted if found else first)
@@ -73,6 +73,13 @@ class _Step:
     findings: Sequence[Finding]
     results: Sequence[CrossValidation]
     chosen: CrossValidatedEffect | None
+
+
+def _begun(base: FittedModel) -> dict[str, float]:
+    """Starting values for all records: what they share, and of what belongs to each the middle of those that were fitted."""
+    own = [name for effect in base.effects for name in local_names(effect)]
+    middle = {name: float(np.mean([values[name] for values in base.values.own])) for name in own if name in base.values.own[0]}
+    return {**base.values.shared, **middle}
 
 
 def _weigh_all(flight: Flight, candidates: Sequence[Traceable], fitted: FittedModel) -> _Step | None:

@@ -17,7 +17,7 @@ from sim.maths.constants import G0
 
 SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
-TRIED = (-0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the attitude, so few places reach all
+TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the attitude, so few places reach all
 
 
 @dataclass(frozen=True)

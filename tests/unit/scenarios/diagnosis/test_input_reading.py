@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.input_reading import moves_between_samples, read_again
+from scenarios.diagnosis.input_reading import moves_between_samples, no_worse, read_again
 from scenarios.preparation.plan import BY_HAND
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
@@ -27,6 +27,12 @@ def test_only_an_input_ahead_by_less_than_a_sample_says_how_inputs_are_to_be_rea
     record = measured_record()
     assert moves_between_samples(found, CANDIDATES, [record]) is expected
     assert not moves_between_samples(found, CANDIDATES, [replace(record, hold=Hold.LINEAR)])
+
+
+def test_the_first_reading_stays_where_the_second_explains_less() -> None:
+    traced, ambiguous, unexplained = (tracing_of(verdict).diagnosis for verdict in (Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.UNEXPLAINED))
+    assert no_worse(traced, traced) and no_worse(traced, unexplained)
+    assert not no_worse(ambiguous, traced) and not no_worse(unexplained, ambiguous)
 
 
 def test_the_second_reading_was_chosen_by_no_hand() -> None:

@@ -42,6 +42,12 @@ def test_comes_before_what_imitates_it() -> None:
     assert all("phugoid" in candidate.within for candidate in ledger.evidence[1:] if candidate.name.startswith("sensor-drift"))
 
 
+def test_records_may_begin_up_and_down() -> None:
+    problem = problem_of([flown(9, attitude=0.1), flown(10, attitude=-0.1)], (Phugoid(),))
+    _, fuller = with_background(*_begun(problem), 1)
+    assert [own["phugoid.attitude"] for own in fuller.values.own] == pytest.approx([0.1, -0.1], abs=0.02)
+
+
 def test_stays_beside_a_fault() -> None:
     _, _, best = found_by([flown(3, [SensorLag("q")], LAG), flown(4, [SensorLag("q")], LAG)], IMITATORS)
     assert set(best.names) == {"phugoid", "sensor-lag:q"}
