@@ -18,13 +18,15 @@ READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; -
 def moves_between_samples(diagnosis: Diagnosis, candidates: Sequence[Traceable], records: Sequence[Record]) -> bool:
     """Whether something that was found says no more than how held inputs are to be read between their samples.
 
-    A held input stands half an interval behind the one that moves on: a time of that kind below one interval is no fault of a recorder.
+    A held input stands half an interval behind the one that moves on: a time of that kind below one interval is no fault of a recorder. Where
+    it is but an alternative of what was found, its size is not asked.
     """
     if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
     interval = max(float(np.median(np.diff(record.time))) for record in records)
     times = {effect.name: effect.traits.within_interval for effect in candidates if effect.traits.within_interval}
-    return any(found.name in times and found.parameters[times[found.name]].value < interval for found in diagnosis.effects)
+    named = any(found.name in times and found.parameters[times[found.name]].value < interval for found in diagnosis.effects)
+    return named or any(times.keys() & {*found.alternatives} for found in diagnosis.effects)
 
 
 def no_worse(again: Diagnosis, first: Diagnosis) -> bool:

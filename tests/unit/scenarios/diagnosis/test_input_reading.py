@@ -29,6 +29,13 @@ def test_only_an_input_ahead_by_less_than_a_sample_says_how_inputs_are_to_be_rea
     assert not moves_between_samples(found, CANDIDATES, [replace(record, hold=Hold.LINEAR)])
 
 
+def test_an_alternative_asks_for_the_second_reading_too() -> None:
+    claim = Claim("accelerometer-offset:nz", {"arm": Quantity(3.0, 0.1, "m")}, ("elastic-mode", "input-recorded-late"))
+    found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(claim,))
+    assert moves_between_samples(found, CANDIDATES, [measured_record()])
+    assert not moves_between_samples(replace(found, effects=(replace(claim, alternatives=("elastic-mode",)),)), CANDIDATES, [measured_record()])
+
+
 def test_the_first_reading_stays_where_the_second_explains_less() -> None:
     traced, ambiguous, unexplained = (tracing_of(verdict).diagnosis for verdict in (Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.UNEXPLAINED))
     assert no_worse(traced, traced) and no_worse(traced, unexplained)
