@@ -23,7 +23,7 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
         if not candidate.traits.background or candidate.name in fitted.names or has_process_noise(fitted.system) or ledger.exhausted:
             continue
         effect = fitted_to(candidate, search_context(fitted, ledger.problem.predicted))
-        ledger, child = _best_start(ledger, fitted, effect)
+        ledger, child = _from_the_middle(ledger, fitted, effect)
         if child is None:
             continue
         ledger = ledger.told(evidence=[_evidence(number, fitted, effect, child)])
@@ -58,7 +58,7 @@ def _rival(ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: floa
         if candidate.name not in effect.aliases or candidate.name in fitted.names:
             continue
         other = fitted_to(candidate, context)
-        ledger, child = _best_start(ledger, fitted, other)
+        ledger, child = _from_the_middle(ledger, fitted, other)
         if child is None or (more := gain(fitted, child, accept)) <= most:
             continue
         ledger = ledger.told(evidence=[_evidence(number, fitted, other, child)])
@@ -69,18 +69,18 @@ def _rival(ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: floa
     return ledger, best
 
 
-def _best_start(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
-    """The effect added to a fitted model, from the middle of its probes, and from the others where that finds nothing."""
-    best: FittedModel | None = None
+def _from_the_middle(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
+    """The effect added to a fitted model, from the middle of its probes, and from the others where no cost is finite there.
+
+    Its motion is nearly linear in what belongs to a record, so that one start reaches all; where nothing shows it, no start does better.
+    """
     probes = sorted(effect.probes(search_context(fitted)), key=lambda probe: sum(abs(value) for value in probe.values.values()))
     for probe in probes:
         start = {full_name(effect, local): value for local, value in probe.values.items()}
         ledger, child = fit(ledger, (*fitted.effects, effect), fitted, start, rough=True)
-        if child is not None and (best is None or child.fit.cost < best.fit.cost):
-            best = child
-        if best is not None and best.fit.cost < fitted.fit.cost:
-            break
-    return ledger, best
+        if child is not None:
+            return ledger, child
+    return ledger, None
 
 
 def _evidence(number: int, fitted: FittedModel, effect: Traceable, child: FittedModel) -> Candidate:
