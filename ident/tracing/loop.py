@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
 from ident.tracing.ranking import choose_among_near
@@ -151,6 +151,8 @@ def search(declared: Declared, held: HeldOutData) -> Found:
     root = declared.root
     ledger, first = first_round(declared.ledger, root)
     base = root if first and not first[0].background else with_known_background(ledger, root)
+    # What all records share has to be cross-validated like any other effect: only what belongs to each is taken as it is.
+    base = base if all(belongs_to_record(effect) for effect in base.background) else root
     several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
     asked, partial = several and defies(base, first), None
     if asked:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
+from ident.statistics.coloured_covariance import effective_share
 from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, local_names
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Candidate, Step
@@ -28,7 +29,7 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
             continue
         ledger = ledger.told(evidence=[_evidence(number, fitted, effect, child)])
         brought = gain(fitted, child, ledger.problem.settings.accept)
-        if brought <= ledger.problem.settings.accept:
+        if brought <= ledger.problem.settings.accept or _by_colour_alone(fitted, child, ledger.problem.settings.accept):
             continue
         ledger, rival = _rival(ledger, fitted, effect, brought, number)
         if rival is not None:
@@ -39,6 +40,16 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
         ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
         fitted = ledger.known(child)
     return ledger, fitted
+
+
+def _by_colour_alone(fitted: FittedModel, child: FittedModel, accept: float) -> bool:
+    """Whether the gain would not do if only so many samples counted as what is left of the residual makes independent.
+
+    Where small causes colour the residual of every record, anything slow brings something; where it is the cause, it leaves noise.
+    """
+    share = effective_share(child.fit.residuals, [problem.valid for problem in child.fit.layout.problems])
+    price = (child.criterion - 2.0 * child.fit.cost) - (fitted.criterion - 2.0 * fitted.fit.cost)
+    return 2.0 * share * (fitted.fit.cost - child.fit.cost) - price <= accept
 
 
 def with_known_background(ledger: Ledger, fitted: FittedModel) -> FittedModel:

@@ -112,6 +112,7 @@ def acts(name: str, causes: Causes) -> bool:
     return {
         "gust-turbulence": causes.turbulence > 0,
         "speed-variation": causes.speed_drift > 0 or causes.gravity > 0,
+        "phugoid": causes.gravity > 0,
         "elastic-mode": causes.elastic > 0,
         "moment-nonlinearity": causes.moment_curvature > 0,
         "lift-nonlinearity": causes.lift_curvature > 0,

@@ -49,18 +49,6 @@ class Phugoid:
     needs_constants: ClassVar[tuple[str, ...]] = ("mass", "wing_area", "chord", "airspeed")
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation",)
-    traits: ClassVar[Traits] = Traits(
-        sentences=(
-            "the aircraft exchanges speed and height (phugoid), its flight path {attitude} nose up at the record's begin",
-            "with the airspeed the moment changes that balances the engines, a coefficient of {trim_moment} in trim",
-        ),
-        short_name="phugoid",
-        separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
-        plausible={"attitude": (-STEEPEST, STEEPEST)},
-        per_record=True,
-        of_aircraft=("speed_damping", "induced_drag", "trim_moment"),
-        background=True,
-    )
     explanation: ClassVar[str] = (
         "Pull the nose up and the aircraft climbs, loses speed, loses lift and sinks again: u_dot = -g (theta - alpha) and theta_dot = q. Over the "
         "tens of seconds of a maneuver this is the beginning of the phugoid, the slow oscillation of speed and height with a frequency near "
@@ -70,6 +58,21 @@ class Phugoid:
         "the vane, a jump of a derivative or a load that nobody measured will imitate it. Any real aircraft has it, whatever else is wrong with "
         "the model, so it is offered before them. A recorded airspeed takes its place, a recorded pitch attitude that of its second state."
     )
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                "the aircraft exchanges speed and height (phugoid), its flight path {attitude} nose up at the record's begin",
+                "with the airspeed the moment changes that balances the engines, a coefficient of {trim_moment} in trim",
+            ),
+            short_name="phugoid",
+            separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
+            plausible={} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST)},
+            per_record=not self.speed_recorded,
+            of_aircraft=() if self.speed_recorded else ("speed_damping", "induced_drag", "trim_moment"),
+            background=True,
+        )
 
     @property
     def states(self) -> tuple[Signal, ...]:
