@@ -209,9 +209,6 @@ def _weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mappin
     child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
     if child is None or child.fit.cost > fitted.fit.cost:
         child = flight.fit(effects, everything, fitted.values, near_absence(finding.effect, finding.starts[0]))
-        if child is None or child.fit.cost > fitted.fit.cost:
-            # The trajectories of the fitted model may themselves lead astray: once from the measured ones.
-            child = flight.fit(effects, everything, None, {**_begun(fitted), **finding.starts[0]})
     if child is None:
         return None
     if _fitted_change(fitted, child) > -thresholds.HALF_OF_IT * thresholds.WORTH:
