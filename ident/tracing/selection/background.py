@@ -8,10 +8,10 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, free_names, 
 from ident.tracing.candidate_model.quantities import implausible, quantities
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.selection.criterion import gain
+from ident.tracing.selection.criterion import gain, price
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import full_name
-from sim.declaration.proposal import Traceable, fitted_to
+from sim.declaration.proposal import SearchContext, Traceable, fitted_to
 
 
 def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, FittedModel]:
@@ -23,15 +23,16 @@ def with_background(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[L
     for candidate in ledger.problem.candidates:
         if not candidate.traits.background or candidate.name in fitted.names or has_process_noise(fitted.system) or ledger.exhausted:
             continue
-        effect = fitted_to(candidate, search_context(fitted, ledger.problem.predicted))
-        ledger, child = _from_the_middle(ledger, fitted, effect)
+        context = search_context(fitted, ledger.problem.predicted)
+        effect = fitted_to(candidate, context)
+        ledger, child = _from_the_middle(ledger, fitted, effect, context)
         if child is None:
             continue
         ledger = ledger.told(evidence=[_evidence(number, fitted, effect, child)])
         brought = gain(fitted, child, ledger.problem.settings.accept)
         if brought <= ledger.problem.settings.accept or _by_colour_alone(fitted, child, ledger.problem.settings.accept):
             continue
-        ledger, rival = _rival(ledger, fitted, effect, brought, number)
+        ledger, rival = _rival(ledger, fitted, effect, brought, number, context)
         if rival is not None:
             fitted = rival
             continue
@@ -48,8 +49,7 @@ def _by_colour_alone(fitted: FittedModel, child: FittedModel, accept: float) -> 
     Where small causes colour the residual of every record, anything slow brings something; where it is the cause, it leaves noise.
     """
     share = effective_share(child.fit.residuals, [problem.valid for problem in child.fit.layout.problems])
-    price = (child.criterion - 2.0 * child.fit.cost) - (fitted.criterion - 2.0 * fitted.fit.cost)
-    return 2.0 * share * (fitted.fit.cost - child.fit.cost) - price <= accept
+    return 2.0 * share * (fitted.fit.cost - child.fit.cost) - price(fitted, child) <= accept
 
 
 def with_known_background(ledger: Ledger, fitted: FittedModel) -> FittedModel:
@@ -58,18 +58,19 @@ def with_known_background(ledger: Ledger, fitted: FittedModel) -> FittedModel:
     return min(known, key=ledger.score, default=fitted)
 
 
-def _rival(ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: float, number: int) -> tuple[Ledger, FittedModel | None]:
+def _rival(
+    ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: float, number: int, context: SearchContext
+) -> tuple[Ledger, FittedModel | None]:
     """The fitted model with one of the aliases of a background effect, where that brings clearly more; None where none does.
 
     The background effect would imitate it, and beside that it no longer shows.
     """
     best, most, accept = None, brought + ledger.problem.settings.accept, ledger.problem.settings.accept
-    context = search_context(fitted, ledger.problem.predicted)
     for candidate in ledger.problem.candidates:
         if candidate.name not in effect.aliases or candidate.name in fitted.names:
             continue
         other = fitted_to(candidate, context)
-        ledger, child = _from_the_middle(ledger, fitted, other)
+        ledger, child = _from_the_middle(ledger, fitted, other, context)
         if child is None or (more := gain(fitted, child, accept)) <= most:
             continue
         ledger = ledger.told(evidence=[_evidence(number, fitted, other, child)])
@@ -80,12 +81,12 @@ def _rival(ledger: Ledger, fitted: FittedModel, effect: Traceable, brought: floa
     return ledger, best
 
 
-def _from_the_middle(ledger: Ledger, fitted: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel | None]:
+def _from_the_middle(ledger: Ledger, fitted: FittedModel, effect: Traceable, context: SearchContext) -> tuple[Ledger, FittedModel | None]:
     """The effect added to a fitted model, from the middle of its probes, and from the others where no cost is finite there.
 
     Its motion is nearly linear in what belongs to a record, so that one start reaches all; where nothing shows it, no start does better.
     """
-    probes = sorted(effect.probes(search_context(fitted)), key=lambda probe: sum(abs(value) for value in probe.values.values()))
+    probes = sorted(effect.probes(context), key=lambda probe: sum(abs(value) for value in probe.values.values()))
     for probe in probes:
         start = {full_name(effect, local): value for local, value in probe.values.items()}
         ledger, child = fit(ledger, (*fitted.effects, effect), fitted, start, rough=True)

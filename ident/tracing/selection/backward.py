@@ -23,9 +23,7 @@ def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, F
         if not smaller:
             break
         loss, without, name = min(smaller, key=lambda item: item[0])
-        ledger = ledger.kept(without, ledger.score(best) + loss)
-        sentence = f"{name} is no longer needed (it brings {loss:.1f})"
-        ledger = ledger.told(Step(without.names, ledger.score(without), without.fit.log_likelihood, sentence))
+        ledger = _dropped(ledger, best, without, name, loss)
         ledger, children = expand(ledger, without, len(without.effects) + 1)
         best = min((without, *children), key=ledger.score)
     return ledger, best
@@ -38,11 +36,15 @@ def without_needless_background(ledger: Ledger, fitted: FittedModel) -> tuple[Le
         ledger, without = fitted_without(ledger, best, effect)
         if without is None or (loss := gain(without, best, accept)) >= accept:
             continue
-        ledger = ledger.kept(without, ledger.score(best) + loss)
-        sentence = f"{effect.name} is no longer needed (it brings {loss:.1f})"
-        ledger = ledger.told(Step(without.names, ledger.score(without), without.fit.log_likelihood, sentence))
-        best = without
+        ledger, best = _dropped(ledger, best, without, effect.name, loss), without
     return ledger, best
+
+
+def _dropped(ledger: Ledger, fitted: FittedModel, without: FittedModel, name: str, loss: float) -> Ledger:
+    """With the set less the effect ``name``, which brings ``loss``, and the step that says so."""
+    ledger = ledger.kept(without, ledger.score(fitted) + loss)
+    sentence = f"{name} is no longer needed (it brings {loss:.1f})"
+    return ledger.told(Step(without.names, ledger.score(without), without.fit.log_likelihood, sentence))
 
 
 def fitted_without(ledger: Ledger, fitted: FittedModel, effect: Traceable, *, rough: bool = False) -> tuple[Ledger, FittedModel | None]:

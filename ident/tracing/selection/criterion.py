@@ -17,13 +17,18 @@ def gain(parent: FittedModel, child: FittedModel, accept: float) -> float:
 
     ``accept`` : what an addition has to bring; half of it is granted beyond what the samples bring that do not dominate.
     """
-    price = (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
+    charged = price(parent, child)
     brought = 2.0 * (parent.fit.cost - child.fit.cost)
     if has_process_noise(child.system):
         # Innovations are of variance one whatever the likelihood: there is no saying which samples brought the gain.
-        return brought / (unevenness(parent, child) if has_process_noise(parent.system) else 1.0) - price
+        return brought / (unevenness(parent, child) if has_process_noise(parent.system) else 1.0) - charged
     spread = brought * (1.0 - few_samples(parent, child)) + 0.5 * accept
-    return min(brought / unevenness(parent, child), spread) - price
+    return min(brought / unevenness(parent, child), spread) - charged
+
+
+def price(parent: FittedModel, child: FittedModel) -> float:
+    """What the criterion charges for the parameters and events of an addition."""
+    return (child.criterion - 2.0 * child.fit.cost) - (parent.criterion - 2.0 * parent.fit.cost)
 
 
 def unevenness(parent: FittedModel, child: FittedModel) -> float:
