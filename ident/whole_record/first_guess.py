@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ident.regression.local_polynomial import windows
@@ -12,17 +14,17 @@ from sim.record import Record
 SPAN = 60  # a slope is taken over two sixtieths of the record
 
 
-def known_states(record: Record, system: System) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def known_states(record: Record, system: System, p: Sequence[float] | np.ndarray | None = None) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Position of a state -> times ``(k,)`` and values ``(k,)``; good enough to begin a fit with.
 
-    Slopes are those of straight lines over a window, after a running median of five against spikes.
+    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own when None). Slopes are those of straight lines over a window, after a running median of five against spikes.
     """
     names = system.state_names
     found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for i, name in enumerate(names):
         if name in record.output_names:
             channel = record[name]
-            found[i] = record.time[channel.valid], channel.values[channel.valid]
+            found[i] = record.time[channel.valid], channel.values[channel.valid] - _bias(system, name, p)
     if len(found) in (0, len(names)):
         return found
     for source, rate in rate_relations(system).items():
@@ -35,3 +37,10 @@ def known_states(record: Record, system: System) -> dict[int, tuple[np.ndarray, 
             slope = np.sum(fit.slope * fit.gather(calm), axis=1)
             found[j] = time[fit.usable], slope[fit.usable]
     return found
+
+
+def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> float:
+    parameters, bias = system.parameters, f"bias_{name}"
+    if bias not in parameters.names:
+        return 0.0
+    return parameters[bias].value if p is None else float(p[parameters.index(bias)])

@@ -83,7 +83,7 @@ def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Se
     Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
     """
     system, grid, record = problem.system, problem.grid, problem.record
-    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system).items()}
+    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system, p).items()}
     if len(measured) == len(system.states):
         return np.array([measured[i] for i in range(len(measured))])
     drive = _driven_by(record, system, p, grid)

@@ -143,7 +143,7 @@ class _Others:
         settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-3)
         full, system = compiled_with(fitted.declared, effects, fitted.system.output_names)
         known = {name: value for name, value in fitted.values.shared.items() if name in system.parameters}
-        parameters = system.parameters.with_values(known)
+        parameters = system.parameters.with_values({**known, **self._usual_biases()})
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
@@ -154,6 +154,12 @@ class _Others:
         # A free simulation has no filter; under training's knowledge the process noise is that of training.
         fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
         return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
+
+    def _usual_biases(self) -> dict[str, float]:
+        """Biases of the sensors as the fitted records have them in the mean: trim is among them, far from where a slow motion could begin."""
+        own = self.fitted.values.own
+        names = [name for name in own[0] if name.startswith("bias_")] if own else []
+        return {name: float(np.mean([values[name] for values in own if name in values])) for name in names}
 
     def fit_event_by_event(self) -> FittedModel | None:
         """Fit without what belongs to one record, then add that, one after the other, from where the records themselves point to.
