@@ -42,6 +42,9 @@ class Concern(Enum):
     DIFFERS_HELD_OUT = "the fitted records are explained, the others are not"
     GUARD = "what is missing behaves like a term outside the library"
     BEYOND_BELIEF = "what fits best has parameters that no one believes"
+    UNDETERMINED = "what fits best has numbers that the records do not determine"
+    ROWS_MISSING = "what fits best acts where rows are missing"
+    DERIVATIVES = "a derivative is far from what the vehicle file says"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
 
 

@@ -12,12 +12,14 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
-from ident.tracing.ranking import choose_among_near
+from ident.tracing.ranking import Choice, choose_among_near
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.restored_belief import with_belief_restored
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined, without_needless_background
+from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
@@ -68,7 +70,7 @@ def diagnose(
     found = with_final_masks(found)
     watch.stage("spikes")
     problem.progress("judging on data that were not fitted", 0.9)
-    ledger, choice = choose_among_near(found.ledger, found.best, found.held)
+    ledger, choice = believable_choice(found.ledger, found.best, found.held)
     if validation:
         ledger = replace(ledger, evidence=tuple(with_held_out_change(ledger.evidence, ledger.models, found.held)))
     judgement = judge(ledger.problem, found.root, choice, found.spikes, found.held)
@@ -190,6 +192,15 @@ def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[L
     return ledger, None if partial is None or (held.choosing and no_better(held.declared, partial.out)) else partial
 
 
+def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
+    """The set to judge among those near a set; with a further effect where only that leaves derivatives that can be believed."""
+    ledger, choice = choose_among_near(ledger, best, held)
+    if not is_white(choice.best, ledger.problem.settings.white):
+        return ledger, choice
+    ledger, fuller = with_belief_restored(ledger, choice.best)
+    return (ledger, choice) if fuller is choice.best else choose_among_near(ledger, fuller, held)
+
+
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
     """Where the search explains nothing: hints at most, unless effects are cross-validated."""
     ledger, partial = found.ledger, found.partial
@@ -213,7 +224,7 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
     if not hopeless(ledger, partial.fitted):
         ledger, further = extended(ledger, found.root, partial.fitted)
         ledger, further = without_needless_background(ledger, further)
-        ledger, choice = choose_among_near(ledger, further, held)
+        ledger, choice = believable_choice(ledger, further, held)
         again = judge(problem, found.root, choice, found.spikes, held)
         if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
             return ledger, again

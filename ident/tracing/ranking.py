@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
@@ -40,6 +41,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     """
     settings = ledger.problem.settings
     ledger, best = _without_guard(ledger, best)
+    ledger, best = _of_fewer(ledger, best)
     explained = is_white(best, settings.white) and not best.guards
     out = predicted_by(best, held, informed=explained)
     if not best.effects or not explained:
@@ -143,6 +145,18 @@ def _without_guard(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedMod
         and ledger.scores[key] - ledger.score(best) < thresholds.GUARD_TIE
     ]
     return refined(ledger, min(rivals, key=ledger.score)) if rivals else (ledger, best)
+
+
+def _of_fewer(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
+    """A set of fewer effects that leaves noise with a lower criterion, if the search passed one: scores depend on the way to a set."""
+    least = ledger.problem.settings.white
+    fewer = [
+        fitted
+        for key, fitted in ledger.models.items()
+        if len(key) < len(best.effects) and fitted.criterion < best.criterion and not key & ledger.problem.guards and is_white(fitted, least)
+    ]
+    fewer = [fitted for fitted in fewer if has_process_noise(fitted.system) == has_process_noise(best.system)]
+    return refined(ledger, min(fewer, key=lambda fitted: fitted.criterion)) if fewer else (ledger, best)
 
 
 def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:

@@ -49,6 +49,10 @@ GUARD_TIE = 12.0  # chosen: a guard has to win by more than an addition has to b
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative
 DECLARED_DERIVATIVES = 0.3  # of each value, one sigma. fixed by the vehicle file, whose derivatives are possibly 30 % wrong
+THREEFOLD = 3.0  # fixed by the vehicle file, possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
+BLURRED = 10.0  # chosen: a sigma that an addition makes ten times larger has lost what the record told
+GAP, EDGE_OF_A_GAP = 5.0, 3.0  # samples. chosen: shorter than any maneuver's pulse; an onset is known to a sample or two
+AT_A_BOUND = 0.99  # chosen: a frequency this near to what the records resolve was held there
 ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
 
 # Does an effect lower the error on records that were not fitted? Mean over channels of ln(error).

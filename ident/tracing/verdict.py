@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
+from ident.tracing.belief.standing import cautions_of
 from ident.tracing.candidate_model.fitted_model import FittedModel, local_names
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
+from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.diagnosis import Caution, Claim, Concern, Verdict
 from ident.tracing.ranking import Choice, alternatives_of, is_ambiguous
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
@@ -93,11 +94,9 @@ def verdict_on(
         return Verdict.UNEXPLAINED, [Caution(Concern.GUARD, told), *left]
     if left:
         return Verdict.UNEXPLAINED, left
-    odd = [
-        f"{effect.name} with {', '.join(names)} beyond belief" for effect in best.effects if (names := implausible(effect, quantities(best, effect)))
-    ]
-    if odd:
-        return Verdict.UNEXPLAINED, [Caution(Concern.BEYOND_BELIEF, f"what fits best is {' and '.join(odd)}: the cause is another")]
+    doubts = cautions_of(root, best, [(effect, quantities(best, effect)) for effect in best.effects])
+    if doubts:
+        return Verdict.UNEXPLAINED, doubts
     if best.effects and not _improved(root, choice, held):
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, "the effects found do not lower the error on data that were not fitted")]
     return (Verdict.AMBIGUOUS if is_ambiguous(choice, problem.guards) else Verdict.TRACED), []

@@ -10,6 +10,8 @@ from typing import Protocol, runtime_checkable
 from sim.declaration.effect import Effect
 from sim.declaration.traits import Traits
 
+RESOLVED = 0.8  # of half the sampling rate: above it a few samples a period are no oscillation, and any derivative can hide in it
+
 _NONE: Mapping[str, float] = MappingProxyType({})
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 

@@ -33,6 +33,8 @@ class Traits:
         these alone.
     rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
+    loose : local names of parameters that a claim need not know: their sigma may exceed their value.
+    oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
@@ -57,6 +59,8 @@ class Traits:
     equivalents: tuple[str, ...] = ()
     rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
+    loose: tuple[str, ...] = ()
+    oscillates: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
     per_record: bool = False

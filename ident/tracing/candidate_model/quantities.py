@@ -54,12 +54,12 @@ def implausible(effect: Traceable, found: Mapping[str, Quantity], slack: float =
     return [name for name, q in found.items() if name in ranges and not ranges[name][0] - slack * q.std <= q.value <= ranges[name][1] + slack * q.std]
 
 
-def stands_out_somewhere(fitted: FittedModel, effect: Traceable) -> bool:
-    """Whether an effect stands out in a record, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
+def stands_out_somewhere(fitted: FittedModel, effect: Traceable, sigmas: float = thresholds.OFF_ABSENCE) -> bool:
+    """Whether an effect stands out in a record by so many sigmas, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
     onset = effect.traits.onset
     for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
-        if inside and _sigmas(effect, found) > thresholds.OFF_ABSENCE:
+        if inside and _sigmas(effect, found) > sigmas:
             return True
     return False
 

@@ -42,6 +42,7 @@ class GustTurbulence:
     traits: ClassVar[Traits] = Traits(
         sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
         plausible={"sigma": (0.0, 8.0), "length": (20.0, 2000.0)},
+        loose=("length",),
     )
     explanation: ClassVar[str] = (
         "The air is rough all along the record. Its vertical speed w is random, with standard deviation sigma and a correlation length L that the "

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
-from sim.declaration.proposal import Probe, SearchContext, Traceable
+from sim.declaration.proposal import RESOLVED, Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.errors import ModelError
 
@@ -34,7 +34,7 @@ class ElasticMode:
     fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away from the node: ``lift_rate``
         and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of lift, moment, gyro.
-    needs_constants : those of the equations it is written for.
+    needs_constants : those of the equations it is written for. fastest : rad/s, that the records resolve.
     """
 
     number: int = 1
@@ -44,6 +44,7 @@ class ElasticMode:
     loads: tuple[str, str] = ("1/rad", "1/rad")
     sizes: tuple[float, float, float] = (0.2, -0.3, 0.02)
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
+    fastest: float = 400.0
 
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
@@ -53,6 +54,7 @@ class ElasticMode:
         sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
         short_name="bending structure",
         plausible={"frequency": (3.0, 200.0), "damping": (0.003, 0.3)},
+        oscillates=("frequency",),
     )
     explanation: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
@@ -81,7 +83,7 @@ class ElasticMode:
     def parameters(self) -> tuple[Parameter, ...]:
         lift, moment, gyro = self.sizes
         base = (
-            Parameter("frequency", 15.0, "rad/s", bounds=(1.0, 400.0)),
+            Parameter("frequency", min(15.0, self.fastest), "rad/s", bounds=(1.0, self.fastest)),
             Parameter("damping", DAMPING, "1", bounds=(0.0005, 0.7)),
             Parameter("lift", lift, self.loads[0]),
             Parameter("moment", moment, self.loads[1]),
@@ -127,9 +129,13 @@ class ElasticMode:
         """The same mode with all its couplings."""
         return replace(self, fine=True)
 
+    def fitted_to(self, context: SearchContext) -> ElasticMode:
+        """The mode kept to frequencies that the records resolve."""
+        return replace(self, fastest=_resolved(context))
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
-        slowest, fastest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0)), min(0.8 * math.pi / context.interval, FASTEST)
+        slowest, fastest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0)), min(_resolved(context), FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
         peaks = [frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest]
@@ -139,6 +145,10 @@ class ElasticMode:
 
     def _bending(self, s: Any) -> tuple[Any, Any]:
         return getattr(s, f"bending_{self.number}"), getattr(s, f"bending_rate_{self.number}")
+
+
+def _resolved(context: SearchContext) -> float:
+    return max(RESOLVED * math.pi / context.interval, 2.0)
 
 
 VARIANTS: tuple[Traceable, ...] = (

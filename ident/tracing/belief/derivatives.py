@@ -1,0 +1,74 @@
+"""What a set of effects does to the derivatives: whether they still are what the vehicle file can be believed to say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Quantity
+from ident.whole_record.output_error import fit_covariance
+
+
+@dataclass(frozen=True)
+class Wreck:
+    """A derivative that a set of effects ruins: its name, its value with the declared model alone and with the set, what is wrong."""
+
+    name: str
+    before: Quantity
+    after: Quantity
+    why: str
+
+
+def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
+    """Derivatives that contradict the vehicle file, or are no longer known, with a set of effects and did not or were without it.
+
+    They contradict it where two sigmas to either side leave no value of the declared sign below ``thresholds.THREEFOLD`` times the declared
+    one. They are no longer known where sigma grows tenfold or more and exceeds the value.
+    """
+    declared, before, after = declared_derivatives(best), derivatives_of(root), derivatives_of(best)
+    out = []
+    for name, value in declared.items():
+        if name not in before or name not in after or contradicts(before[name], value):
+            continue
+        lost = after[name].std > max(thresholds.BLURRED * before[name].std, abs(after[name].value), abs(value))
+        if contradicts(after[name], value):
+            turned = after[name].value * value < 0.0
+            out.append(Wreck(name, before[name], after[name], "turns its sign" if turned else "grows more than threefold"))
+        elif lost:
+            out.append(Wreck(name, before[name], after[name], "is no longer known"))
+    return out
+
+
+def wild(fitted: FittedModel) -> list[str]:
+    """Derivatives that lie farther from the declared value than three times that value, by more than two sigmas."""
+    found, far = derivatives_of(fitted), 1.0 + thresholds.THREEFOLD
+    return [name for name, value in declared_derivatives(fitted).items() if name in found and _outside(found[name], value, 2.0 - far, far)]
+
+
+def contradicts(found: Quantity, declared: float) -> bool:
+    """Whether no value within two sigmas has the declared sign and is below threefold the declared one."""
+    return _outside(found, declared, 0.0, thresholds.THREEFOLD)
+
+
+def declared_derivatives(fitted: FittedModel) -> dict[str, float]:
+    """Values in the vehicle file of what the declared model estimates; one of zero says nothing and is left out, as is a bias."""
+    return {item.name: item.value for item in fitted.declared.parameters if item.free and item.value != 0.0 and not item.name.startswith("bias_")}
+
+
+def derivatives_of(fitted: FittedModel) -> Mapping[str, Quantity]:
+    """Shared parameters of the declared model as fitted, with sigmas corrected for coloured residuals."""
+    covariance, _ = fit_covariance(fitted.fit)
+    names, theta, declared = fitted.fit.layout.shared, fitted.fit.theta, fitted.declared.parameters
+    return {
+        name: Quantity(float(theta[i]), float(max(covariance[i, i], 1e-300) ** 0.5), declared[name].unit)
+        for i, name in enumerate(names)
+        if name in declared
+    }
+
+
+def _outside(found: Quantity, declared: float, low: float, high: float) -> bool:
+    """Whether ``found``, by two sigmas, lies outside ``low`` to ``high`` times the declared value."""
+    share, sigma = found.value / declared, abs(found.std / declared)
+    return share + 2.0 * sigma < low or share - 2.0 * sigma > high

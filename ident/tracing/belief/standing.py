@@ -1,0 +1,87 @@
+"""Whether a claim stands as it is printed: its own numbers determined and believable, the derivatives beside it not ruined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ident.tracing import thresholds
+from ident.tracing.belief.derivatives import Wreck, wrecked
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.quantities import implausible
+from ident.tracing.diagnosis import Caution, Concern, Quantity
+from sim.declaration.proposal import RESOLVED, Traceable
+
+
+def undetermined(effect: Traceable, found: Mapping[str, Quantity]) -> list[str]:
+    """Parameters of one sign (a time, a length, a frequency, a factor) whose sigma exceeds their value, others whose sigma exceeds their range.
+
+    What a claim need not know is left out. Whether those of either sign stand off their absence is asked wherever an effect is accepted.
+    """
+    ranges = {name: effect.traits.plausible[name] for name in found if name in effect.traits.plausible and name not in effect.traits.loose}
+    widest = {name: abs(found[name].value) if low >= 0.0 else high - low for name, (low, high) in ranges.items()}
+    return [name for name, most in widest.items() if found[name].std >= most]
+
+
+def too_fast(effect: Traceable, found: Mapping[str, Quantity], interval: float) -> list[str]:
+    """Frequencies, rad/s, above four fifths of the sampling limit of records with ``interval`` seconds between samples."""
+    limit = thresholds.AT_A_BOUND * RESOLVED * math.pi / interval
+    return [name for name in effect.traits.oscillates if name in found and found[name].value > limit]
+
+
+def in_a_gap(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> tuple[float, float] | None:
+    """Begin and end (s) of missing rows in which an event begins, to three samples; None where it begins in none.
+
+    What the inputs did there is not known, and an event can stand for it.
+    """
+    onset = effect.traits.onset
+    if onset not in found:
+        return None
+    for problem in fitted.fit.layout.problems:
+        time = problem.record.time
+        steps = np.diff(time)
+        near = thresholds.EDGE_OF_A_GAP * float(np.median(steps))
+        for i in np.flatnonzero(steps > thresholds.GAP * float(np.median(steps))):
+            if time[i] - near <= found[onset].value <= time[i + 1] + near:
+                return float(time[i]), float(time[i + 1])
+    return None
+
+
+def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> Caution | None:
+    """Why an effect with these parameters is not claimed; None where its own numbers allow it."""
+    interval, gap = sampling_interval(fitted), in_a_gap(effect, found, fitted)
+    if gap is not None:
+        told = f"what fits best is {effect.name} where rows are missing ({gap[0]:g} to {gap[1]:g} s): an input that was not recorded does as much"
+        return Caution(Concern.ROWS_MISSING, told)
+    beyond, open_, fast = implausible(effect, found, slack=0.0), undetermined(effect, found), too_fast(effect, found, interval)
+    if beyond or fast:
+        words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"
+        return Caution(Concern.BEYOND_BELIEF, f"what fits best is {effect.name} with {words}: the cause is another")
+    if open_:
+        told = ", ".join(f"{name} {found[name].value:.3g} +- {found[name].std:.2g} {found[name].unit}".rstrip(" 1") for name in open_)
+        return Caution(Concern.UNDETERMINED, f"what fits best is {effect.name}, whose numbers the records do not determine ({told})")
+    return None
+
+
+def why_no_set(root: FittedModel, best: FittedModel) -> list[Caution]:
+    """Cautions where a set of effects ruins derivatives that the declared model alone had."""
+    return [Caution(Concern.DERIVATIVES, f"with {' and '.join(best.names)} {_told(wreck)}") for wreck in wrecked(root, best)]
+
+
+def sampling_interval(fitted: FittedModel) -> float:
+    """The longest of the records' mean sampling intervals, s."""
+    times = [problem.record.time for problem in fitted.fit.layout.problems]
+    return max(float(time[-1] - time[0]) / (len(time) - 1) for time in times)
+
+
+def cautions_of(root: FittedModel, best: FittedModel, found: Sequence[tuple[Traceable, Mapping[str, Quantity]]]) -> list[Caution]:
+    """All that speaks against printing effects of a set with these parameters; empty where they stand."""
+    own = [why_not(effect, values, best) for effect, values in found]
+    return [*(caution for caution in own if caution is not None), *why_no_set(root, best)]
+
+
+def _told(wreck: Wreck) -> str:
+    before, after = (f"{q.value:.3g} +- {q.std:.2g}" for q in (wreck.before, wreck.after))
+    return f"{wreck.name} {wreck.why}: {before} without, {after} with"
