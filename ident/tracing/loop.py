@@ -26,7 +26,7 @@ from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
-from ident.tracing.verdict import Judgement, judge, no_better, not_noise, residual_tests
+from ident.tracing.verdict import Judgement, hardly_better, judge, no_better, not_noise, residual_tests
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
@@ -189,7 +189,7 @@ def with_final_masks(found: Found) -> Found:
 def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
     ledger, partial = cross_validated(ledger, base, held)
-    return ledger, None if partial is None or (held.choosing and no_better(held.declared, partial.out)) else partial
+    return ledger, None if partial is None or (held.choosing and hardly_better(held.declared, partial.out)) else partial
 
 
 def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
@@ -212,7 +212,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     judgement = replace(judgement, claims=tuple(hints))
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
-    if partial is None or no_better(found.held.declared, partial.out):
+    if partial is None or hardly_better(found.held.declared, partial.out):
         # What replicates on the whole and yet predicts the data held out no better is left unsaid.
         return ledger, judgement
     return judged_again(ledger, found, partial)

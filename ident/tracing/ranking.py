@@ -55,9 +55,14 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     near = _near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR)
     ledger, compared = _with(ledger, compared, [*near, *alike], held)
     leading, totals = _leading(compared, held)
+    asked = {frozenset(best.names)}
     for _ in best.effects:
-        # Another than the best may lead now, and has equivalents of its own.
+        # Another than the best may lead now, and has equivalents and near-aliases of its own.
         ledger, alike = equivalent_sets(ledger, compared[leading][0], settings.near)
+        if leading not in asked:
+            asked.add(leading)
+            ledger, further = near_aliases(ledger, compared[leading][0], settings.near)
+            alike = [*alike, *further]
         further = [fitted for fitted in alike if frozenset(fitted.names) not in compared]
         if not further:
             break

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
@@ -17,38 +19,60 @@ from sim.declaration.proposal import Curve, Traceable
 
 
 def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
-    """The set, or that with the effect beside which its derivatives come nearest to the declared ones.
+    """The set, or one of one effect more whose derivatives come nearest to the declared ones.
 
     Two effects can hide each other behind other derivatives (an accelerometer ahead of the centre of gravity and a late angle of attack are
     less of a late angle of attack and a lift of the elevator of turned sign). The samples say little, so that what is added has to bring
-    what any addition has to, together with what the declared derivatives say; it has to stand off its absence by the samples alone.
+    what any addition has to, together with what the declared derivatives say; each effect has to stand off its absence by the samples alone.
+    Where derivatives are wild and no effect beside the set mends them, two are put in the place of each of its effects.
     """
     if not best.effects or has_process_noise(best.system) or best.guards:
         return ledger, best
-    accept, before = ledger.problem.settings.accept, misfit_to_declared(best)
-    least, chosen = best.criterion + before - accept, None
-    if before < accept + float(np.log(best.fit.counts.sum())):
+    if misfit_to_declared(best) < ledger.problem.settings.accept + float(np.log(best.fit.counts.sum())):
         return ledger, best
-    for effect in ledger.problem.candidates:
-        if not _may_hide(effect, best) or ledger.exhausted:
-            continue
-        ledger, child = fit(ledger, (*best.effects, effect), best)
-        if child is None or child.fit.cost > best.fit.cost or wild(child) or implausible(effect, quantities(child, effect), slack=0.0):
-            continue
-        if not stands_out_somewhere(child, effect, thresholds.CLEARLY_OFF_ABSENCE):
+    steady = [effect for effect in ledger.problem.candidates if _is_steady(effect) and effect.name not in best.names]
+    ledger, chosen = _nearest(ledger, best, [(*best.effects, effect) for effect in steady])
+    if chosen is None and wild(best):
+        ledger, chosen = _nearest(ledger, best, list(_two_for_one(best, steady)))
+    if chosen is None:
+        return ledger, best
+    ledger = ledger.kept(chosen, ledger.score(best) + chosen.criterion - best.criterion)
+    sentence = f"{' and '.join(chosen.names)} bring back derivatives that {' and '.join(best.names)} moved far from what the vehicle file says"
+    return ledger.told(Step(chosen.names, ledger.score(chosen), chosen.fit.log_likelihood, sentence)), ledger.known(chosen)
+
+
+def _nearest(ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, ...]]) -> tuple[Ledger, FittedModel | None]:
+    """Of sets that explain the records as well as ``best``, the one of lowest criterion with the misfit to the declared derivatives."""
+    least, chosen = best.criterion + misfit_to_declared(best) - ledger.problem.settings.accept, None
+    for effects in sets:
+        ledger, child = fit(ledger, effects, best, rough=True)
+        if child is None or child.fit.cost > best.fit.cost or wild(child) or not all(_stands(child, effect) for effect in child.foreground):
             continue
         total = child.criterion + misfit_to_declared(child)
         if total < least:
             least, chosen = total, child
-    if chosen is None:
-        return ledger, best
-    ledger = ledger.kept(chosen, ledger.score(best) + chosen.criterion - best.criterion)
-    sentence = f"{chosen.names[-1]} brings back derivatives that {' and '.join(best.names)} alone moved far from what the vehicle file says"
-    return ledger.told(Step(chosen.names, ledger.score(chosen), chosen.fit.log_likelihood, sentence)), ledger.known(chosen)
+    return ledger, chosen
 
 
-def _may_hide(effect: Traceable, best: FittedModel) -> bool:
-    """Whether an effect is steady, shared by all records, and no other name of one that the set has."""
+def _two_for_one(best: FittedModel, steady: Sequence[Traceable]) -> Iterator[tuple[Traceable, ...]]:
+    """The set with an effect replaced by two, of which one has an equivalent: what other derivatives make up for can hide another."""
+    hidden: list[Traceable] = []
+    for effect in steady:
+        if effect.traits.equivalents and not any(other.name in effect.traits.equivalents for other in hidden):
+            hidden.append(effect)
+    for gone in best.foreground:
+        rest = tuple(effect for effect in best.effects if effect is not gone)
+        for one in hidden:
+            yield from ((*rest, one, other) for other in steady if other.name not in (one.name, *one.traits.twins))
+
+
+def _stands(fitted: FittedModel, effect: Traceable) -> bool:
+    own = quantities(fitted, effect)
+    return stands_out_somewhere(fitted, effect, thresholds.CLEARLY_OFF_ABSENCE) and not implausible(effect, own, slack=0.0)
+
+
+def _is_steady(effect: Traceable) -> bool:
+    """Whether an effect acts all along and alike in all records: no event, no drift, no curve, no noise, no guard."""
     traits = effect.traits
-    steady = not (belongs_to_record(effect) or is_event(effect) or isinstance(effect, (NoiseEffect, Curve)) or traits.guard or traits.background)
-    return steady and effect.name not in best.names and not any(name in best.names for name in traits.twins) and not traits.wrong_samples_of
+    passing = belongs_to_record(effect) or is_event(effect) or isinstance(effect, (NoiseEffect, Curve))
+    return not (passing or traits.guard or traits.background or traits.wrong_samples_of)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
+from ident.tracing import thresholds
 from ident.tracing.belief.standing import cautions_of
 from ident.tracing.candidate_model.fitted_model import FittedModel, local_names
 from ident.tracing.candidate_model.problem import TraceProblem
@@ -75,6 +78,18 @@ def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
 def no_better(before: HeldOut, after: HeldOut) -> bool:
     """Whether a free simulation of held-out data is no better, in likelihood, than that of the declared model."""
     return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
+
+
+def hardly_better(before: HeldOut, after: HeldOut) -> bool:
+    """Whether a free simulation of held-out data, all channels at their own scale, is better than the declared model's by too little to say.
+
+    Mean over the channels of ln(rms after / rms before), for what is printed: claims that were cross-validated one by one need not help together.
+    """
+    if no_better(before, after) or before.frozen is None or after.frozen is None:
+        return True
+    used = before.frozen.layout.used & after.frozen.layout.used
+    change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
+    return not change.size or float(np.mean(change)) > -thresholds.HALF_OF_IT * thresholds.WORTH
 
 
 def verdict_on(

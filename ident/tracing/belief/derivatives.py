@@ -25,15 +25,20 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
     """Derivatives that contradict the vehicle file, or are no longer known, with a set of effects and did not or were without it.
 
     They contradict it where two sigmas to either side leave no value of the declared sign below ``thresholds.THREEFOLD`` times the declared
-    one. They are no longer known where sigma grows tenfold or more and exceeds the value.
+    one. They are no longer known where sigma grows tenfold or more and exceeds the value. What is ``wild`` with the set is ruined whatever
+    it was without: either the file is wrong or the set is.
     """
     declared, before, after = declared_derivatives(best), derivatives_of(root), derivatives_of(best)
-    out = []
+    far, out = wild(best), []
     for name, value in declared.items():
-        if name not in before or name not in after or contradicts(before[name], value):
+        if name not in before or name not in after:
             continue
         lost = after[name].std > max(thresholds.BLURRED * before[name].std, abs(after[name].value), abs(value))
-        if contradicts(after[name], value):
+        if name in far:
+            out.append(Wreck(name, before[name], after[name], f"is far from the {value:.3g} of the vehicle file"))
+        elif contradicts(before[name], value):
+            continue
+        elif contradicts(after[name], value):
             turned = after[name].value * value < 0.0
             out.append(Wreck(name, before[name], after[name], "turns its sign" if turned else "grows more than threefold"))
         elif lost:
@@ -42,9 +47,14 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
 
 
 def wild(fitted: FittedModel) -> list[str]:
-    """Derivatives that lie farther from the declared value than three times that value, by more than two sigmas."""
-    found, far = derivatives_of(fitted), 1.0 + thresholds.THREEFOLD
-    return [name for name, value in declared_derivatives(fitted).items() if name in found and _outside(found[name], value, 2.0 - far, far)]
+    """Derivatives that lie farther from the declared value than three times that value, by more than two sigmas.
+
+    Nothing where the model has so few that their declared values are mere starts (the ballistic coefficient of an unknown body).
+    """
+    found, declared, far = derivatives_of(fitted), declared_derivatives(fitted), 1.0 + thresholds.THREEFOLD
+    if len(declared) < thresholds.FEWEST_DECLARED:
+        return []
+    return [name for name, value in declared.items() if name in found and _outside(found[name], value, 2.0 - far, far)]
 
 
 def contradicts(found: Quantity, declared: float) -> bool:

@@ -84,8 +84,8 @@ class Replication:
 def replicate(flight: Flight, joint: FittedModel, effect: Traceable) -> Replication:
     """Let each record have an effect's parameters for itself, the derivatives in common, and compare.
 
-    A record by itself may not tell an effect from a derivative; all of them together do. A curve's shapes trade off against
-    each other: for effects with more than two parameters it is the held-out errors that have to agree, not the numbers.
+    A record by itself may not tell an effect from a derivative; all of them together do. Of an effect with more than two parameters, which
+    trade off against each other, it is not each number that has to agree, but what all of them do (``_does_alike``).
     """
     everything, shared = range(len(flight.records)), joint.values.shared
     names = {full_name(effect, item.name) for item in effect.parameters if item.free}
@@ -93,8 +93,9 @@ def replicate(flight: Flight, joint: FittedModel, effect: Traceable) -> Replicat
     if fitted is None:
         return Replication((), False)
     each = by_record(fitted, effect)
-    agrees = len(names) > 2 or all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0])
-    return Replication(each, agrees)
+    if len(names) > 2:
+        return Replication(each, _does_alike(fitted, joint, effect))
+    return Replication(each, all(_alike([found[name] for found in each], effect.absent.get(name)) for name in each[0]))
 
 
 def by_record(fitted: FittedModel, effect: Traceable) -> tuple[dict[str, Quantity], ...]:
@@ -112,14 +113,43 @@ def distance_from_absence(fitted: FittedModel, effect: Traceable) -> float:
     if not at:
         return np.inf
     away = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at])
-    scale = np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
-    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
-    return float(np.sqrt(max(0.0, (away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0]) / len(at)))
+    return float(np.sqrt(max(0.0, _squared_distance(covariance, at, away)) / len(at)))
 
 
 def own_quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
     """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
     return by_record(fitted, effect)[0]
+
+
+def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> bool:
+    """Whether the common parameters of an effect do in each record what its own do.
+
+    In twice the log likelihood of a record, expanded about its own parameters: what the common ones lose there, over what the effect as a
+    whole brings. ``thresholds.ALIKE`` of it may differ, squared, or what ``thresholds.AGREE`` sigmas a parameter are.
+    """
+    covariance, _ = fit_covariance(fitted.fit)
+    names = fitted.fit.layout.names
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    for r in range(len(fitted.fit.layout.problems)):
+        places = {name.partition(", record")[0]: i for i, name in enumerate(names) if name.endswith(f", record {r + 1}")}
+        mine = [full_name(effect, item.name) for item in effect.parameters if item.free and full_name(effect, item.name) in places]
+        at = [places[name] for name in mine]
+        own, common = fitted.fit.theta[at], np.array([joint.values.shared.get(name, fitted.fit.theta[places[name]]) for name in mine])
+        lost = _squared_distance(covariance, at, common - own)
+        acting = [i for i, name in enumerate(mine) if name in absent]
+        whole = _squared_distance(covariance, [at[i] for i in acting], own[acting] - np.array([absent[mine[i]] for i in acting]))
+        if lost > max(thresholds.AGREE**2 * len(at), thresholds.ALIKE**2 * whole):
+            return False
+    return True
+
+
+def _squared_distance(covariance: np.ndarray, at: Sequence[int], away: np.ndarray) -> float:
+    """away' C^-1 away, of the directions that the data determine."""
+    if not len(at):
+        return 0.0
+    scale = np.sqrt(np.maximum(np.diag(covariance)[list(at)], 1e-300))
+    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
+    return float((away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0])
 
 
 def _alike(found: Sequence[Quantity], absent: float | None) -> bool:

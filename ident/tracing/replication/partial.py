@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
+from ident.tracing.belief.standing import why_no_set, why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
@@ -38,11 +39,9 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
     chosen, compared = cross_validate(flight, problem.candidates, base)
-    if not chosen:
-        return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
-    ledger, fitted = fit(ledger, (*base.effects, *(item.best.effect for item in chosen)), base, _starts(chosen))
+    ledger, chosen, fitted = _as_printed(ledger, base, chosen)
     if fitted is None:
-        return ledger, None
+        return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
     ledger = ledger.kept(fitted, fitted.criterion)
     ledger = ledger.told(
         *(Step(item.best.fitted.names, item.best.fitted.criterion, item.best.fitted.fit.log_likelihood, _sentence(item)) for item in chosen)
@@ -51,6 +50,26 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
     claims = (*(_of_background(fitted, effect) for effect in base.effects), *(_claim(fitted, item) for item in chosen))
     return ledger, Partial(claims, fitted, predicted_by(fitted, held))
+
+
+def _as_printed(
+    ledger: Ledger, base: FittedModel, chosen: Sequence[CrossValidatedEffect]
+) -> tuple[Ledger, list[CrossValidatedEffect], FittedModel | None]:
+    """The effects fitted to the training records, less those whose numbers there do not stand; None where none is left.
+
+    What was cross-validated was fitted to other records, each time beside fewer effects: what is printed is judged anew.
+    """
+    left = list(chosen)
+    while left:
+        ledger, fitted = fit(ledger, (*base.effects, *(item.best.effect for item in left)), base, _starts(left))
+        if fitted is None:
+            break
+        own = [why_not(item.best.effect, own_quantities(fitted, item.best.effect), fitted) for item in left]
+        if not any(own) and not why_no_set(ledger.models.get(frozenset(), base), fitted):
+            return ledger, left, fitted
+        # Where the set as a whole ruins a derivative, what came last goes first.
+        left = [item for item, why in zip(left, own, strict=True) if why is None] if any(own) else left[:-1]
+    return ledger, [], None
 
 
 def _starts(validated: Sequence[CrossValidatedEffect]) -> dict[str, float]:

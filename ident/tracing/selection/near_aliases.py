@@ -54,9 +54,10 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
     brought = base.fit.cost - best.fit.cost
     candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
     for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
-        # What no record tells apart is shown whatever a base fit that bent far says of it, and whatever the search has spent.
-        alike = finding.effect.name in effect.traits.equivalents
-        if not alike and (finding.gain < thresholds.LOOKS_ALIKE * brought or ledger.exhausted):
+        # What no record tells apart is shown whatever the search has spent; it, and what is known to look alike, whatever a base fit that
+        # bent far says of it.
+        twin, alias = finding.effect.name in effect.traits.equivalents, finding.effect.name in effect.aliases
+        if not twin and (ledger.exhausted or (finding.gain < thresholds.LOOKS_ALIKE * brought and not alias)):
             continue
         ledger, child = best_fit(ledger, base, finding, 1)
         ledger, child = _freely(ledger, child, best, finding.effect)

@@ -16,6 +16,7 @@ from sim.errors import ModelError
 
 DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
 SPACING = 1.09  # of the frequencies tried: a mode of that damping still answers between two
+SLOWEST = 4.0  # rad/s, below which no structure bends
 FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
@@ -50,12 +51,6 @@ class ElasticMode:
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
-        short_name="bending structure",
-        plausible={"frequency": (3.0, 200.0), "damping": (0.003, 0.3)},
-        oscillates=("frequency",),
-    )
     explanation: ClassVar[str] = (
         "The structure bends, and the declared model holds it for rigid. One mode is an oscillator that the control and the angle of attack drive: "
         "eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta). Bending changes the lift and the moment, lift "
@@ -71,6 +66,15 @@ class ElasticMode:
     @property
     def name(self) -> str:
         return "elastic-mode" if self.number == 1 else f"elastic-mode#{self.number}"
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
+            short_name="bending structure",
+            plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.3)},
+            oscillates=("frequency",),
+        )
 
     @property
     def states(self) -> tuple[Signal, ...]:
@@ -137,7 +141,7 @@ class ElasticMode:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
         slowest, fastest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0)), min(_resolved(context), FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
-        grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
+        grid = [min(slowest * (fastest / slowest) ** (i / (count - 1)), fastest) for i in range(count)]
         peaks = [frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest]
         slopes = tuple(self.absent)
         start = {item.name: item.value for item in self.parameters} | dict.fromkeys(slopes, 0.0) | {"damping": DAMPING}
@@ -148,7 +152,7 @@ class ElasticMode:
 
 
 def _resolved(context: SearchContext) -> float:
-    return max(RESOLVED * math.pi / context.interval, 2.0)
+    return max(RESOLVED * math.pi / context.interval, SLOWEST)
 
 
 VARIANTS: tuple[Traceable, ...] = (

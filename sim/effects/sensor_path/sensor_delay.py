@@ -55,7 +55,7 @@ class SensorDelay:
             sentences=("the {channel} is read {delay} late",),
             short_name="delay",
             separating={"sensor-delay": FASTER_MOTION},
-            twins=(f"sensor-lag:{self.channel}", f"sensor-hold:{self.channel}"),
+            twins=(f"sensor-lag:{self.channel}",),
             plausible={"delay": (0.0, 0.5)},
         )
 

@@ -72,7 +72,6 @@ class SensorHold:
             sentences=("the {channel} is updated only every {period} and held between",),
             short_name="held between updates",
             separating=dict.fromkeys(("sensor-delay", "sensor-lag"), CLOSER),
-            twins=self.aliases,
             rarer_than=self.aliases,
             plausible={"period": (0.0, 1.0)},
             per_record=True,

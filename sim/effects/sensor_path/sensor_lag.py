@@ -61,7 +61,7 @@ class SensorLag:
             grouped="the {channel} is read {time_constant} late",
             short_name="lag",
             separating={"sensor-lag": FASTER_MOTION, "sensor-delay": FASTER_MOTION},
-            twins=(f"sensor-delay:{self.channel}", f"sensor-hold:{self.channel}"),
+            twins=(f"sensor-delay:{self.channel}",),
             plausible={"time_constant": (0.0, 0.5)},
         )
 
