@@ -13,6 +13,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_r
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import misfit_to_declared
+from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Curve, Traceable
@@ -24,14 +25,16 @@ def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, Fit
     Two effects can hide each other behind other derivatives (an accelerometer ahead of the centre of gravity and a late angle of attack are
     less of a late angle of attack and a lift of the elevator of turned sign). The samples say little, so that what is added has to bring
     what any addition has to, together with what the declared derivatives say; each effect has to stand off its absence by the samples alone.
-    Where derivatives are wild and no effect beside the set mends them, two are put in the place of each of its effects.
+    A single effect in the place of all is asked first. Where derivatives are wild and no effect beside the set mends them, two are put in the place of each of its effects.
     """
     if not best.effects or has_process_noise(best.system) or best.guards:
         return ledger, best
     if misfit_to_declared(best) < ledger.problem.settings.accept + float(np.log(best.fit.counts.sum())):
         return ledger, best
     steady = [effect for effect in ledger.problem.candidates if _is_steady(effect) and effect.name not in best.names]
-    ledger, chosen = _nearest(ledger, best, [(*best.effects, effect) for effect in steady])
+    ledger, chosen = _nearest(ledger, best, [(*best.background, effect) for effect in steady], within=ledger.problem.settings.wide)
+    if chosen is None:
+        ledger, chosen = _nearest(ledger, best, [(*best.effects, effect) for effect in steady])
     if chosen is None and wild(best):
         ledger, chosen = _nearest(ledger, best, list(_two_for_one(best, steady)))
     if chosen is None:
@@ -41,12 +44,19 @@ def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, Fit
     return ledger.told(Step(chosen.names, ledger.score(chosen), chosen.fit.log_likelihood, sentence)), ledger.known(chosen)
 
 
-def _nearest(ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, ...]]) -> tuple[Ledger, FittedModel | None]:
-    """Of sets that explain the records as well as ``best``, the one of lowest criterion with the misfit to the declared derivatives."""
+def _nearest(
+    ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, ...]], within: float = 0.0
+) -> tuple[Ledger, FittedModel | None]:
+    """Of sets that leave noise and explain the records as well as ``best``, the one of lowest criterion with the misfit to the declared derivatives.
+
+    ``within`` : how much worse one may be, in twice the log likelihood.
+    """
     least, chosen = best.criterion + misfit_to_declared(best) - ledger.problem.settings.accept, None
     for effects in sets:
         ledger, child = fit(ledger, effects, best, rough=True)
-        if child is None or child.fit.cost > best.fit.cost or wild(child) or not all(_stands(child, effect) for effect in child.foreground):
+        if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within or wild(child) or not is_white(child, ledger.problem.settings.white):
+            continue
+        if not all(_stands(child, effect) for effect in child.foreground):
             continue
         total = child.criterion + misfit_to_declared(child)
         if total < least:
