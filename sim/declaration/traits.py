@@ -35,6 +35,7 @@ class Traits:
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     loose : local names of parameters that a claim need not know: their sigma may exceed their value.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
+    tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
@@ -61,6 +62,7 @@ class Traits:
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     loose: tuple[str, ...] = ()
     oscillates: tuple[str, ...] = ()
+    tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
     per_record: bool = False

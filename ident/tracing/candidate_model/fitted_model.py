@@ -203,12 +203,14 @@ def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayo
             for item in model.parameters
             if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")
         }
+    tried = {full_name(effect, local) for effect in effects for local in effect.traits.tried}
     at, means, weights = [], [], []
     for position, name in enumerate(layout.names):
-        item = known.get(name.partition(", record")[0])
+        plain = name.partition(", record")[0]
+        item = known.get(plain)
         if item is not None:
             at.append(position)
-            means.append(item[0])
+            means.append(float(layout.start[position]) if plain in tried else item[0])
             weights.append(item[1] ** -2)
     return Prior(np.array(at), np.array(means), np.diag(weights)) if at else None
 

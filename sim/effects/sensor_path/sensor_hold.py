@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -45,10 +46,6 @@ class SensorHold:
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 30
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
-        Parameter("phase", 0.0087, "s", bounds=(-2.0, 2.0)),
-    )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
     explanation: ClassVar[str] = (
@@ -63,6 +60,14 @@ class SensorHold:
         return f"sensor-hold:{self.channel}"
 
     @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Which update a sample shows tells the phase to half an interval: nothing else tells it from a delay of the same channel."""
+        return (
+            Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
+            Parameter("phase", 0.0087, "s", prior_std=self.interval / math.sqrt(12.0), bounds=(-2.0, 2.0)),
+        )
+
+    @property
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-delay:{self.channel}", f"sensor-lag:{self.channel}")
 
@@ -75,6 +80,7 @@ class SensorHold:
             rarer_than=self.aliases,
             plausible={"period": (0.0, 1.0)},
             per_record=True,
+            tried=("phase",),
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
