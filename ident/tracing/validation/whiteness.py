@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ident.statistics.local_level import levelled
 from ident.statistics.residuals import ResidualTest, ljung_box
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
@@ -27,7 +28,8 @@ def low_frequency_power(residual: np.ndarray, valid: np.ndarray, time: np.ndarra
     """Is there more power below 4 Hz than white noise of the same total has? Chi-squared of the periodogram's sum."""
     from scipy.special import betainc
 
-    series = np.where(valid, residual, 0.0)
+    series = np.zeros(len(residual))
+    series[valid] = levelled(residual[valid])
     n = len(series)
     interval = (time[-1] - time[0]) / (n - 1)
     power = np.abs(np.fft.rfft(series)) ** 2

@@ -28,11 +28,26 @@ def warned(record: Record) -> list[Finding]:
 
 
 @pytest.mark.parametrize("channel", ["alpha", "q", "nz"])
-def test_noise_that_becomes_three_times_as_loud_is_told(sound: Record, channel: str) -> None:
+def test_noise_that_becomes_twice_as_loud_is_warned_of(sound: Record, channel: str) -> None:
     rng, half = np.random.default_rng(1), np.arange(len(sound)) > 0.6 * len(sound)
-    (one,) = warned(altered(sound, **{channel: lambda v: v + 3.0 * SIGMAS[channel] * rng.standard_normal(len(v)) * half}))
-    assert (one.channel, one.kind) == (channel, Kind.NOISE_LEVEL)
+    (one,) = warned(altered(sound, **{channel: lambda v: v + 2.6 * SIGMAS[channel] * rng.standard_normal(len(v)) * half}))
+    assert (one.channel, one.kind) == (channel, Kind.NOISE_LEVEL) and one.count == 0
     assert one.times[0][0] > 11.0 and one.numbers["least"].value == pytest.approx(SIGMAS[channel], rel=0.3)
+
+
+@pytest.mark.parametrize("channel", ["alpha", "q", "nz"])
+def test_a_burst_of_six_times_the_noise_is_set_aside(sound: Record, channel: str) -> None:
+    rng, loud = np.random.default_rng(1), (sound.time > 5.0) & (sound.time < 9.0)
+    found = inspect(altered(sound, **{channel: lambda v: v + 6.0 * SIGMAS[channel] * rng.standard_normal(len(v)) * loud}))
+    (one,) = [each for each in found if each.kind is Kind.NOISE_LEVEL]
+    assert (one.channel, one.certainty) == (channel, Certainty.COSTS_INFORMATION)
+    assert np.mean(one.mask[loud]) > 0.9 and np.mean(one.mask[~loud]) < 0.05
+
+
+def test_noise_that_is_loud_most_of_the_time_is_warned_of_and_kept(sound: Record) -> None:
+    rng, loud = np.random.default_rng(1), sound.time > 0.3 * sound.time[-1]
+    (one,) = warned(altered(sound, q=lambda v: v + 6.0 * SIGMAS["q"] * rng.standard_normal(len(v)) * loud))
+    assert one.kind is Kind.NOISE_LEVEL and one.count == 0
 
 
 @pytest.mark.parametrize("frequency", [9.0, 17.3, 23.0])
