@@ -66,6 +66,12 @@ def with_output(record: Record, name: str, values: np.ndarray) -> Record:
     return replace(record, outputs=outputs)
 
 
+def part(record: Record, rows: slice) -> Record:
+    """Some rows of a record, under its name."""
+    inputs, outputs = (tuple(replace(c, values=c.values[rows], valid=c.valid[rows]) for c in group) for group in (record.inputs, record.outputs))
+    return replace(record, time=record.time[rows], inputs=inputs, outputs=outputs)
+
+
 def without_output(record: Record, name: str) -> Record:
     return replace(record, outputs=tuple(c for c in record.outputs if c.name != name))
 

@@ -70,8 +70,8 @@ def _between_parts(series: Series, parts: int, count: int) -> Finding | None:
     numbers = {"least": Number(levels[low], series.unit), "greatest": Number(levels[high], series.unit)}
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(levels[low] * levels[high]))
-    loud, quiet_parts = [level for level in levels if level > between], [level for level in levels if level <= between]
-    if np.median(loud) > LOUD * np.median(quiet_parts):
+    above, below = [level for level in levels if level > between], [level for level in levels if level <= between]
+    if np.median(above) > LOUD * np.median(below):
         mask[series.rows[_loud(fourth, between, len(series.values))]] = True
     if 0.0 < np.count_nonzero(mask) < MOST * len(series.values):
         return Finding(series.name, Kind.NOISE_LEVEL, Certainty.COSTS_INFORMATION, told, "", (where[high],), numbers, mask)

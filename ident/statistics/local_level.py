@@ -6,6 +6,8 @@ all others; divided by its local level it passes.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ident.statistics.robust import robust_sigma_about_zero
@@ -30,8 +32,8 @@ def levelled(series: np.ndarray) -> np.ndarray:
         return series
     second, fourth = _differences(series, 2)[1:-1], _differences(series, 4)
     edges = np.linspace(0, len(fourth), parts + 1).astype(int)
-    levels = np.array([robust_sigma_about_zero(fourth[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
-    seconds = np.array([robust_sigma_about_zero(second[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    levels = np.array([robust_sigma_about_zero(fourth[a:b]) for a, b in pairwise(edges)])
+    seconds = np.array([robust_sigma_about_zero(second[a:b]) for a, b in pairwise(edges)])
     told = (levels > 0.0) & (seconds < MOTION * levels)
     if np.count_nonzero(told) < 3:
         return series

@@ -25,7 +25,8 @@ def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, Fit
     Two effects can hide each other behind other derivatives (an accelerometer ahead of the centre of gravity and a late angle of attack are
     less of a late angle of attack and a lift of the elevator of turned sign). The samples say little, so that what is added has to bring
     what any addition has to, together with what the declared derivatives say; each effect has to stand off its absence by the samples alone.
-    A single effect in the place of all is asked first. Where derivatives are wild and no effect beside the set mends them, two are put in the place of each of its effects.
+    A single effect in the place of all is asked first. Where derivatives are wild and no effect beside the set mends them, two are put in
+    the place of each of its effects.
     """
     if not best.effects or has_process_noise(best.system) or best.guards:
         return ledger, best

@@ -19,6 +19,7 @@ EARLIEST, LATEST = 0.1, 0.8  # of the duration
 LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
 REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
+FIRST, BEGINNING = 5, 0.02  # samples, and share of them, that show the trim
 _REST = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
 _NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
@@ -69,18 +70,24 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     """Cut a record in two: what is fitted, and its last part, which is predicted.
 
     The cut lies between one and eight tenths of the duration, where 70 % of the excitation (the summed square of the
-    inputs' distance from their median) is over: a part in which the controls rest says nothing of a model. Moments at which
+    inputs' distance from the trim at the record's beginning) is over: a part in which the controls rest says nothing of a model. Moments at which
     every input has rested for half a second are preferred as long as a tenth of the excitation is left to the last part:
     lags, delays and hysteresis then carry nothing over. A record without inputs is cut at 70 % of its duration.
 
     Raises
     ------
-    RecordError : fewer than 40 rows (either part gets 20 at least), or a part without a sample of a channel.
+    RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a channel, or a fitted part in which no
+        control moves.
     """
     if len(record) < 2 * FEWEST:
         raise RecordError(f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY)
     cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
-    return _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
+    first, held = _part(record, slice(0, cut), "fitted"), _part(record, slice(cut, len(record)), "held-out")
+    steered = [channel.name for channel in record.inputs if channel.name not in MEASURED_MOTION and moves(channel)]
+    if steered and not any(moves(first[name]) for name in steered):
+        what = f"no control moves before {record.time[cut]:g} s, where its last part would be held out: the rest says nothing of a model"
+        raise RecordError(what, where=record.name, remedy=_REMEDY)
+    return first, held
 
 
 def _cut(record: Record) -> int:
@@ -97,7 +104,7 @@ def _cut(record: Record) -> int:
     for channel in record.inputs:
         if channel.name in MEASURED_MOTION:  # a measured flow or attitude drifts; only controls excite
             continue
-        away = np.abs(channel.values - np.median(channel.values))
+        away = np.abs(channel.values - _trim(channel.values))
         peak = float(away.max())
         if peak > 0.0:
             moved += (away / peak) ** 2 * weight
@@ -113,6 +120,11 @@ def _cut(record: Record) -> int:
     # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
     best = chosen[distance <= distance.min() + 0.02]
     return int(best[np.argmin(np.abs(time[best] - time[0] - wanted * span))])
+
+
+def _trim(values: np.ndarray) -> float:
+    """Where a control stands as the record begins: its median would be the step itself where one is held for most of the record."""
+    return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
 
 
 def _scatter(values: np.ndarray) -> float:

@@ -60,7 +60,7 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
         words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"
         return Caution(Concern.BEYOND_BELIEF, f"what fits best is {effect.name} with {words}: the cause is another")
     if open_:
-        told = ", ".join(f"{name} {found[name].value:.3g} +- {found[name].std:.2g} {found[name].unit}".rstrip(" 1") for name in open_)
+        told = ", ".join(f"{name} {_number(found[name])}" for name in open_)
         return Caution(Concern.UNDETERMINED, f"what fits best is {effect.name}, whose numbers the records do not determine ({told})")
     return None
 
@@ -80,6 +80,10 @@ def cautions_of(root: FittedModel, best: FittedModel, found: Sequence[tuple[Trac
     """All that speaks against printing effects of a set with these parameters; empty where they stand."""
     own = [why_not(effect, values, best) for effect, values in found]
     return [*(caution for caution in own if caution is not None), *why_no_set(root, best)]
+
+
+def _number(q: Quantity) -> str:
+    return f"{q.value:.3g} +- {q.std:.2g}{'' if q.unit in ('', '1') else f' {q.unit}'}"
 
 
 def _told(wreck: Wreck) -> str:

@@ -55,7 +55,10 @@ def implausible(effect: Traceable, found: Mapping[str, Quantity], slack: float =
 
 
 def stands_out_somewhere(fitted: FittedModel, effect: Traceable, sigmas: float = thresholds.OFF_ABSENCE) -> bool:
-    """Whether an effect stands out in a record by so many sigmas, an event inside it: one that begins with the record, or after it, is a constant or nothing."""
+    """Whether an effect stands out in a record by so many sigmas, an event inside it.
+
+    An event that begins with the record, or after it, is a constant or nothing.
+    """
     onset = effect.traits.onset
     for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]

@@ -73,6 +73,17 @@ def choosing_records(problem: TraceProblem, held: HeldOutData) -> Flight:
     return every_record(problem, held if held.choosing else HeldOutData())
 
 
+def recordings(records: Sequence[Record]) -> int:
+    """How many records are no mere continuation of another: the last part of one record is the same flight, of which nothing replicates."""
+    return sum(not any(_goes_on(other, record) for other in records if other is not record) for record in records)
+
+
+def _goes_on(first: Record, then: Record) -> bool:
+    """Whether a record of the same name begins where the first one ends."""
+    ends, interval = float(first.time[-1]), float(np.median(np.diff(first.time)))
+    return first.name == then.name and 0.0 < float(then.time[0]) - ends < thresholds.GAP * interval
+
+
 @dataclass(frozen=True, eq=False)
 class Replication:
     """One effect's parameters as each record has them, by local name; ``agrees`` where they are one value but for their scatter."""

@@ -13,7 +13,7 @@ from ident.tracing.belief.standing import why_no_set, why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
-from ident.tracing.replication.by_record import choosing_records, own_quantities
+from ident.tracing.replication.by_record import choosing_records, own_quantities, recordings
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.cross_validation import cross_validate
 from ident.tracing.selection.ledger import Ledger, fit
@@ -35,7 +35,7 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     """Effects of the library that replicate and lower the held-out error although what remains is not noise; None where none does."""
     problem = ledger.problem
     flight = choosing_records(problem, held)
-    if held.masks is None or has_process_noise(base.system) or len(flight.records) < 2:
+    if held.masks is None or has_process_noise(base.system) or recordings(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
     chosen, compared = cross_validate(flight, problem.candidates, base)

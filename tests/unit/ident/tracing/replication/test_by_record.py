@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, own_quantities, replicate
+from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, own_quantities, recordings, replicate
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
-from tests.tracing_problem import all_records, planted
+from tests.tracing_problem import all_records, part, planted
 
 LATE = SensorDelay("alpha")
 
@@ -74,3 +74,28 @@ def test_the_distance_from_absence_is_walds_per_parameter(late: Flight) -> None:
     at = [four.fit.layout.names.index(f"moment-nonlinearity.{name}") for name in MOMENT_NONLINEARITY.absent]
     covariance, away = fit_covariance(four.fit)[0][np.ix_(at, at)], four.fit.theta[at]
     assert distance_from_absence(four, MOMENT_NONLINEARITY) == pytest.approx(np.sqrt(away @ np.linalg.solve(covariance, away) / 4.0), rel=1e-5)
+
+
+def test_the_last_part_of_a_record_is_no_other_recording() -> None:
+    one, other = planted([], None, 1), planted([], None, 2)
+    first, held = part(one, slice(0, 350)), part(one, slice(350, 500))
+    assert recordings([first, held]) == 1 and recordings([first, held, other]) == 2
+    # Two files of one name begin at the same time, and two maneuvers cut from one file do not follow each other.
+    assert recordings([one, other]) == 2
+    assert recordings([part(one, slice(0, 200)), part(one, slice(300, 500))]) == 2
+
+
+def test_of_many_parameters_what_they_do_has_to_agree() -> None:
+    """A curve that turns over from record to record does not replicate, one that is the same does."""
+    truth = {f"moment-nonlinearity.{name}": value for name, value in (("left", 0.08), ("middle", -0.05), ("right", 0.06))}
+    names = [item.name for item in MOMENT_NONLINEARITY.parameters if item.free]
+    values = dict(zip([f"moment-nonlinearity.{name}" for name in names], truth.values(), strict=False))
+    turned = {name: -value for name, value in values.items()}
+
+    def agrees(*planted_values: dict[str, float]) -> bool:
+        flight = all_records([planted([MOMENT_NONLINEARITY], each, seed) for seed, each in enumerate(planted_values)])
+        fitted = flight.fit((MOMENT_NONLINEARITY,), range(len(planted_values)), None, dict(values))
+        assert fitted is not None
+        return replicate(flight, fitted, MOMENT_NONLINEARITY).agrees
+
+    assert agrees(values, values) and not agrees(values, turned)

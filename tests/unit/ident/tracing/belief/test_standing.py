@@ -1,0 +1,83 @@
+"""Whether a claim stands by its own numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.tracing.belief.standing import in_a_gap, too_fast, undetermined, why_not
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Concern, Quantity
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.dynamics.elastic_mode import ElasticMode
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.vane_offset import VaneOffset
+from sim.record import Channel, Record
+from tests.tracing_problem import fit_of, planted, problem_of
+
+LATE = SensorDelay("alpha")
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FittedModel:
+    """The declared model, fitted to a record at 50 Hz."""
+    return fit_of(problem_of([planted()]))
+
+
+def told(**found: tuple[float, float, str]) -> dict[str, Quantity]:
+    return {name: Quantity(*parts) for name, parts in found.items()}
+
+
+def test_a_time_whose_sigma_exceeds_it_is_not_claimed(fitted: FittedModel) -> None:
+    assert undetermined(LATE, told(delay=(0.02, 0.03, "s"))) == ["delay"]
+    assert undetermined(LATE, told(delay=(0.02, 0.004, "s"))) == []
+    why = why_not(LATE, told(delay=(0.02, 0.03, "s")), fitted)
+    assert why is not None and why.concern is Concern.UNDETERMINED and "delay 0.02 +- 0.03 s" in why.sentence
+    assert why_not(LATE, told(delay=(0.02, 0.004, "s")), fitted) is None
+    scale = why_not(SensorScale("q"), told(scale=(1.1, 1.21, "1")), fitted)
+    assert scale is not None and "scale 1.1 +- 1.2)" in scale.sentence
+
+
+def test_a_number_of_either_sign_is_undetermined_where_its_sigma_fills_its_range() -> None:
+    load = UnmeasuredInput()
+    lift = load.traits.plausible["lift"][1]
+    assert undetermined(load, told(lift=(0.5 * lift, 3.0 * lift, "1"))) == ["lift"]
+    assert undetermined(load, told(lift=(0.1 * lift, 0.4 * lift, "1"))) == []
+
+
+def test_what_a_claim_need_not_know_is_left_out() -> None:
+    assert undetermined(GustTurbulence(), told(sigma=(1.0, 0.1, "m/s"), length=(300.0, 900.0, "m"))) == []
+
+
+def test_a_number_beyond_belief_is_refused_without_slack(fitted: FittedModel) -> None:
+    why = why_not(VaneOffset(), told(arm=(41.0, 30.0, "m")), fitted)
+    assert why is not None and why.concern is Concern.BEYOND_BELIEF and "arm" in why.sentence
+    assert why_not(SensorScale("q"), told(scale=(1.2, 0.01, "1")), fitted) is None
+
+
+@pytest.mark.parametrize(("interval", "frequency", "resolved"), [(0.02, 120.0, True), (0.02, 125.6, False), (0.05, 45.0, True), (0.05, 60.0, False)])
+def test_a_mode_lies_below_four_fifths_of_half_the_sampling_rate(interval: float, frequency: float, resolved: bool) -> None:
+    """Half the rate is 157 rad/s at 50 Hz and 63 rad/s at 20 Hz."""
+    assert (too_fast(ElasticMode(), told(frequency=(frequency, 1.0, "rad/s")), interval) == []) is resolved
+
+
+def with_a_gap(record: Record, begin: float, end: float) -> Record:
+    kept = (record.time < begin) | (record.time > end)
+    inputs, outputs = (tuple(Channel.of(c.name, c.unit, c.values[kept]) for c in group) for group in (record.inputs, record.outputs))
+    return replace(record, time=record.time[kept], inputs=inputs, outputs=outputs)
+
+
+@pytest.mark.parametrize(("start", "inside"), [(4.3, True), (3.97, True), (4.55, True), (3.5, False), (6.0, False)])
+def test_an_event_that_begins_in_missing_rows_is_not_claimed(start: float, inside: bool) -> None:
+    """Rows from 4 to 4.5 s are missing at 50 Hz; three samples to both sides count as theirs."""
+    fitted = fit_of(problem_of([with_a_gap(planted(), 4.0, 4.5)]))
+    load = UnmeasuredInput()
+    found = told(start=(start, 0.01, "s"), duration=(0.5, 0.02, "s"), moment=(0.01, 0.001, "1"))
+    assert (in_a_gap(load, found, fitted) is not None) is inside
+    why = why_not(load, found, fitted)
+    assert (why is not None and why.concern is Concern.ROWS_MISSING) is inside
+    assert np.median(np.diff(fitted.fit.layout.problems[0].record.time)) == pytest.approx(0.02)
