@@ -29,8 +29,9 @@ class ResidualTest:
 def ljung_box(residual: np.ndarray, valid: np.ndarray, channel: str, lags: int = 25) -> ResidualTest:
     """Whiteness of a series ``(N,)`` over ``lags`` lags (Ljung and Box, Biometrika 65(2), 1978); missing samples are skipped.
 
-    Where the level of the noise changes along the series it is divided out first (``levelled``). The p-value is that of
-    a shifted gamma distribution with the mean, variance and skewness that the statistic has on records of this length: chi-squared, its limit, calls white noise of 300 samples coloured seven times too often at 1e-4.
+    Where the level of the noise changes along the series it is divided out first (``levelled``). The p-value is that of a shifted gamma
+    distribution with the mean, variance and skewness that the statistic has on records of this length: chi-squared, its limit, calls white
+    noise of 300 samples coloured seven times too often at 1e-4.
     """
     n = int(np.count_nonzero(valid))
     series = levelled(residual[valid])
