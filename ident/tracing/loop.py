@@ -12,21 +12,20 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
-from ident.tracing.ranking import Choice, choose_among_near
+from ident.tracing.ranking import Choice, believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
-from ident.tracing.restored_belief import with_belief_restored
+from ident.tracing.replication.rough_air import process_noise_that_stands
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined, without_needless_background
-from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
-from ident.tracing.verdict import Judgement, hardly_better, judge, no_better, not_noise, residual_tests
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, predicted_by, with_held_out_change
+from ident.tracing.verdict import Judgement, claims_of, hardly_better, judge, no_better, not_noise, residual_tests
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
@@ -192,15 +191,6 @@ def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[L
     return ledger, None if partial is None or (held.choosing and hardly_better(held.declared, partial.out)) else partial
 
 
-def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
-    """The set to judge among those near a set; with a further effect where only that leaves derivatives that can be believed."""
-    ledger, choice = choose_among_near(ledger, best, held)
-    if not is_white(choice.best, ledger.problem.settings.white):
-        return ledger, choice
-    ledger, fuller = with_belief_restored(ledger, choice.best)
-    return (ledger, choice) if fuller is choice.best else choose_among_near(ledger, fuller, held)
-
-
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
     """Where the search explains nothing: hints at most, unless effects are cross-validated."""
     ledger, partial = found.ledger, found.partial
@@ -212,10 +202,22 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     judgement = replace(judgement, claims=tuple(hints))
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
-    if partial is None or hardly_better(found.held.declared, partial.out):
-        # What replicates on the whole and yet predicts the data held out no better is left unsaid.
+    if partial is not None and not hardly_better(found.held.declared, partial.out):
+        return judged_again(ledger, found, partial)
+    # What replicates on the whole and yet predicts the data held out no better is left unsaid.
+    return in_rough_air(ledger, found, judgement)
+
+
+def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
+    """Process noise claimed where it stands by one-step predictions; else the judgement as it is."""
+    ledger, fitted = process_noise_that_stands(ledger, found.base, found.held)
+    if fitted is None:
         return ledger, judgement
-    return judged_again(ledger, found, partial)
+    spikes = tuple(replace(spike, claimed=False) for spike in found.spikes)
+    claims = (*claims_of(ledger.problem, Choice(fitted, HeldOut(None, None))), *spikes)
+    tests = residual_tests(fitted, HeldOut(None, None), found.held)
+    left = tuple(not_noise(tests.all, ledger.problem.settings.white))
+    return ledger, Judgement(Verdict.PARTIAL, fitted, predicted_by(fitted, found.held, informed=False), claims, tests, left)
 
 
 def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:

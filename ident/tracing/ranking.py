@@ -10,7 +10,8 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import are_equivalent, told_by_declared
-from ident.tracing.selection.backward import refined
+from ident.tracing.restored_belief import with_belief_restored
+from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
 from ident.tracing.selection.near_aliases import equivalent_sets, near_aliases
@@ -32,6 +33,20 @@ class Choice:
     out: HeldOut
     totals: Mapping[Key, float] = field(default_factory=dict)
     misfits: Mapping[Key, float] = field(default_factory=dict)
+
+
+def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
+    """The set to judge among those near a set; with a further effect where only that leaves derivatives that can be believed."""
+    ledger, choice = choose_among_near(ledger, best, held)
+    if frozenset(choice.best.names) != frozenset(best.names):
+        # Beside the one that took another's place an effect may have nothing left to explain.
+        ledger, leaner = backward_elimination(ledger, choice.best)
+        if leaner is not choice.best:
+            ledger, choice = choose_among_near(ledger, leaner, held)
+    if not is_white(choice.best, ledger.problem.settings.white):
+        return ledger, choice
+    ledger, fuller = with_belief_restored(ledger, choice.best)
+    return (ledger, choice) if fuller is choice.best else choose_among_near(ledger, fuller, held)
 
 
 def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
