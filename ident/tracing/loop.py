@@ -11,7 +11,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
-from ident.tracing.diagnosis import Claim, Diagnosis, Verdict, Witness, silent
+from ident.tracing.diagnosis import Claim, Concern, Diagnosis, Verdict, Witness, silent
 from ident.tracing.ranking import Choice, believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
@@ -30,6 +30,9 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
 from sim.record import Record
+
+
+WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES)  # of a set that leaves noise and may not be claimed
 
 
 def diagnose(
@@ -200,6 +203,9 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         hints = [replace(spike, claimed=False) for spike in found.spikes]
         judgement = replace(judgement, best=found.root, out=found.held.declared)
     judgement = replace(judgement, claims=tuple(hints))
+    if any(caution.concern in WITHDRAWN for caution in judgement.cautions):
+        # What is left is noise: there is nothing more to find, only nothing that may be claimed.
+        return ledger, judgement
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
     if partial is not None and not hardly_better(found.held.declared, partial.out):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
 from ident.tracing.settings import TraceSettings
 from scenarios.diagnosis.candidates import candidates_for, read_effects
-from scenarios.diagnosis.input_reading import moves_between_samples, no_worse, read_again
+from scenarios.diagnosis.input_reading import better, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
@@ -143,10 +143,11 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     run = trace or _loop()
     guards = guards_for(posed.model.equations)
     diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
-    if _may_read_again(opened, request.plan) and moves_between_samples(diagnosis, candidates, posed.records):
+    part = moves_between_samples(diagnosis, candidates, posed.records)
+    if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
         linear = _posed(opened, replace(request.plan, hold=Hold.LINEAR))
         again = run(linear.records, linear.model, candidates, guards, linear.predicted, TraceSettings(), progress, witness)
-        if no_worse(again, diagnosis):
+        if no_worse(again, diagnosis) if part else better(again, diagnosis):
             posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
     assert opened.vehicle.identity is not None
     return Tracing(

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
+from scenarios.preparation.interpreting import BETTER, held_by_computer
 from scenarios.preparation.plan import BY_HAND
 from sim.declaration.proposal import Traceable
 from sim.record import Hold, Record
 
+TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
 STRENGTH = (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.PARTIAL, Verdict.UNEXPLAINED)
 READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
 
@@ -29,9 +31,26 @@ def moves_between_samples(diagnosis: Diagnosis, candidates: Sequence[Traceable],
     return named or any(times.keys() & {*found.alternatives} for found in diagnosis.effects)
 
 
+def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
+    """Whether times were found that held inputs would shift by half an interval, and an input passes through several samples as it moves."""
+    if any(record.hold is not Hold.PREVIOUS or held_by_computer(record) for record in records):
+        return False
+    return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
+
+
 def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
     """Whether the second reading of the inputs explains at least as much as the first."""
     return STRENGTH.index(again.verdict) <= STRENGTH.index(first.verdict)
+
+
+def better(again: Diagnosis, first: Diagnosis) -> bool:
+    """Whether the second reading explains as much with a clearly lower criterion: noise levels, and ln N for each number of the effects."""
+    if not no_worse(again, first):
+        return False
+    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
+    lower = sum(2.0 * count * np.log(first.noise_floor[name] / again.noise_floor[name]) for name, count in counts.items() if name in again.noise_floor)
+    fewer = sum(len(found.parameters) for found in first.effects) - sum(len(found.parameters) for found in again.effects)
+    return float(lower + fewer * np.log(max(sum(counts.values()), 2))) > BETTER
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:

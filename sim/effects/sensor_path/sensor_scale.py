@@ -63,7 +63,7 @@ class SensorScale:
             sentences=("the {channel} is read {scale_percent} {scale_direction}",),
             separating={**dict.fromkeys(("sensor-lag", "sensor-delay", "lift-nonlinearity"), SLOW_AND_QUICK), "sensor-scale": WITH_LOAD_FACTOR},
             equivalents=("time-base",) if self.channel == "alpha" else (),
-            plausible={"scale": (0.6, 1.6)},
+            plausible={"scale": (0.5, 2.0)},
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
