@@ -130,7 +130,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         done += 1
         least, most = noise_model.step_bounds(layout, fit.theta)
         trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        trial = evaluate(problem, trial_theta, _carried(fit, trial_theta))
+        trial = evaluate(problem, trial_theta, carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
             before, fit, damping = fit, trial, max(damping / 10.0, floor)
@@ -196,7 +196,7 @@ def joined_up(fit: Fit) -> Fit:
     return fit
 
 
-def _carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
+def carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
     """Trajectory guesses at other parameters, by the sensitivities of this point."""
     step = theta - fit.theta
     return [np.array(line.states + line.by_state @ step[fit.layout.columns(r)]) for r, line in enumerate(fit.lines)]

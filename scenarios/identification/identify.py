@@ -101,7 +101,7 @@ def _estimated(records: Sequence[Record], model: Model, outputs: list[str], meth
     if method == "filter-error":
         from ident.process_noise.filter_error import fit_filter_error
 
-        return system, fit_filter_error(records, compile_model(_forced(model), outputs), settings)
+        return system, fit_filter_error(records, compile_model(_forced(model), outputs), settings, calm=system)
     fit = fit_output_error(records, system, settings)
     if method not in FILTERS:
         return system, fit
