@@ -21,8 +21,10 @@ from ident.whole_record.layout import FitLayout, lay_out
 from sim.declaration.system import System
 from sim.errors import FlightidError
 
-AT_ITS_LIMIT = 1.01  # times the lowest (or one over that times the highest) value of a noise level: it has run there
+AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
+_STILL = 1e-4  # of log likelihood: a step that gains less is none
+_LEAST_DAMPING = 1e-10  # of a motion that grows: in gusts fits settle in ten to thirty steps, and creep with 1e-7; in still air the usual one does better
 Begun = tuple[FitLayout, Mapping[str, float] | None]
 
 
@@ -46,12 +48,13 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether the noise level of a measured output has run to its limit."""
+    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
     own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
-    return bool(np.any((own <= AT_ITS_LIMIT * noise_model.low[:count]) | (own * AT_ITS_LIMIT >= noise_model.high[:count])))
+    low = np.maximum(noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)]))
+    return bool(np.any((own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])))
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
@@ -75,13 +78,19 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
     if plain:
         yield layout, None
     if layout.prior is None:
-        exact = layout if plain else replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
         records = [problem.record for problem in layout.problems]
-        yield from _from_regression(exact, records, calm)
-        if not plain:
-            yield from _from_output_error(exact, records, calm)
+        for exact in (layout,) if plain else (_exactly(layout, _LEAST_DAMPING), _exactly(layout, layout.settings.least_damping)):
+            yield from _from_regression(exact, records, calm)
+            if not plain:
+                yield from _from_output_error(exact, records, calm)
     if not plain:
         yield layout, None
+
+
+def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
+    """The layout with exact derivatives, settled where the cost is: an initial state that grows by e^15 never stands still to a share of its own sigma."""
+    problems, settings = tuple(replace(problem, exact=True) for problem in layout.problems), layout.settings
+    return replace(layout, problems=problems, settings=replace(settings, enough=max(settings.enough, _STILL), least_damping=least_damping))
 
 
 def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iterator[Begun]:

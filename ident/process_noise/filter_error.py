@@ -17,6 +17,7 @@ from ident.process_noise.filter_error_fit import COARSE, fit_with_process_noise,
 from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
 from ident.statistics.residuals import ljung_box
+from ident.whole_record.best_start import in_pieces, put_together, said_of_pieces
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
@@ -65,11 +66,13 @@ def fit_filter_error(records: Sequence[Record], system: System, settings: FitSet
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
-    layout = lay_out(records, system, settings)
+    pieces = in_pieces(records, calm or system, settings)
+    layout = lay_out([piece for each in pieces for piece in each], system, settings)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout, calm)
-    return failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
+    found = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
+    return replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:
@@ -93,7 +96,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     covariance = covariance * np.outer(factor, factor)
     scaled = noise_model.scaled
     absurd = degenerate(fit) or bool(absurd_sigmas(fit, np.sqrt(np.diag(covariance))[: len(layout.shared)]))
-    outcome = Outcome.DEGENERATE if absurd else fit.outcome
+    outcome = Outcome.DEGENERATE if absurd else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
     at = [*range(len(layout.shared)), *([len(fit.theta) - 1] if scaled else [])]
     return Estimate(
         METHOD,
@@ -101,7 +104,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
         (*(system.parameters[name].unit for name in layout.shared), *(["1"] if scaled else [])),
         theta[at],
         covariance[np.ix_(at, at)],
-        outcome if determined else Outcome.NOT_IDENTIFIABLE,
+        outcome,
         fit.log_likelihood,
         system.output_names,
         noise_model.levels(theta)[0],

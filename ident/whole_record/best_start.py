@@ -5,8 +5,9 @@ Equation error needs no simulation, so an unstable aircraft is as easy for it as
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 
@@ -14,10 +15,15 @@ from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
-from ident.whole_record.layout import FitLayout
-from ident.whole_record.unstable_motion import GROWN, fit_unstable, growth
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.unstable_motion import GROWN, fastest, fit_unstable, growth
+from sim.declaration.system import System
 from sim.errors import FlightidError
+from sim.record import Record
 
+FOLLOWED = 16.0  # e-foldings along a record up to which it is followed whole: sensitivities e^16 times as large as others leave half their digits
+PIECE = 12.0  # e-foldings of a piece at most, of a record that is not
+FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
 RUNAWAY = 10.0  # rms of a residual, in those of the channel about its mean, from which a simulation has run away; one at rest leaves about 1
 
 
@@ -33,6 +39,44 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
             return first
         return _better([first], from_regression(layout))
     return _better([], from_regression(layout), iter([layout]))
+
+
+def in_pieces(records: Sequence[Record], system: System, settings: FitSettings) -> list[list[Record]]:
+    """Each record as what is fitted of it: itself, or pieces along which a motion that grows by itself can be followed.
+
+    Each piece has its own initial state and biases. Models whose input has a memory, and fits with priors, keep their records whole.
+    """
+    layout = lay_out(records, system, settings)
+    if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
+        return [[record] for record in records]
+    rate = fastest(next(from_regression(layout), layout))
+    return [_cut(record, rate * _duration(record)) for record in records]
+
+
+def put_together(parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]) -> tuple[np.ndarray, ...]:
+    """Rows ``(m, N)`` of pieces as those of the records that they were cut from."""
+    left = iter(parts)
+    return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
+
+
+def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
+    """A sentence where some record was cut, else nothing."""
+    count = sum(len(each) for each in pieces)
+    if count == len(pieces):
+        return ""
+    return f"the motion is unstable by itself: it is followed in {count} pieces, each with its own initial state and biases"
+
+
+def _cut(record: Record, grown: float) -> list[Record]:
+    """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than ``FEWEST`` samples."""
+    count = min(ceil(min(grown, 1e6) / PIECE), len(record) // FEWEST)
+    if grown <= FOLLOWED or count < 2:
+        return [record]
+    return [record.window(record.time[rows[0]], record.time[rows[-1]]) for rows in np.array_split(np.arange(len(record)), count)]
+
+
+def _duration(record: Record) -> float:
+    return float(record.time[-1] - record.time[0])
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:

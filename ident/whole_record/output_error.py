@@ -7,13 +7,14 @@ shared by all records; initial states and the parameters named local belong to o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
-from ident.whole_record.best_start import fit_from_best_start, quiet
+from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.unstable_motion import projected_covariance
@@ -39,17 +40,21 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     Estimate of the shared free parameters; biases and initial states are nuisances, projected out of the covariance.
     Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
     cost was found, ``MAX_ITERATIONS`` when it had not settled, ``DEGENERATE`` when an output is met exactly and another is not.
-    Where the start is unstable or its simulation runs away, the fit begins from equation error: see `ident.whole_record.best_start`.
+    Where the start is unstable or its simulation runs away, the fit begins from equation error, and a motion that grows beyond what can be
+    followed is cut, which ``message`` tells: see `ident.whole_record.best_start`.
 
     Raises
     ------
     ModelError : a record without any of the outputs, or nothing to estimate.
     """
-    layout = lay_out(records, system, settings or FitSettings())
+    settings = settings or FitSettings()
+    pieces = in_pieces(records, system, settings)
+    layout = lay_out([piece for each in pieces for piece in each], system, settings)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout)
-    return failed_estimate(layout) if fit is None else estimate_of(fit)
+    found = failed_estimate(layout) if fit is None else estimate_of(fit)
+    return replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -82,14 +87,14 @@ def estimate_of(fit: Fit) -> Estimate:
     """The shared parameters of a fit as an Estimate."""
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = shared_covariance(fit)
-    outcome = Outcome.DEGENERATE if degenerate(fit) else fit.outcome
+    outcome = Outcome.DEGENERATE if degenerate(fit) else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
     return Estimate(
         METHOD,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
         fit.theta[:n].copy(),
         covariance,
-        outcome if determined else Outcome.NOT_IDENTIFIABLE,
+        outcome,
         fit.log_likelihood,
         layout.system.output_names,
         np.sqrt(fit.variance),

@@ -23,24 +23,28 @@ from ident.whole_record.layout import FitLayout
 from sim.maths.elementary import complex_step_jacobian
 
 GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no trouble
-FOLLOWED = 20.0  # e-foldings beyond which rounding of the initial state alone, 1e-16 of it, grows towards the size of noise
 _FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
 _ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
 _STEEPEST = 1e8  # damping from which no descent is left
 
 
-def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """E-foldings of the fastest mode of the motion along the longest record, at ``theta`` (the start when None) and rest; zero for none that grows."""
+def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
+    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where none grows, infinite where the equations overflow."""
     theta = layout.start if theta is None else theta
     system, most = layout.system, 0.0
-    for r, problem in enumerate(layout.problems):
+    for r in range(len(layout.problems)):
         p, x0 = layout.split(theta, r)
         with np.errstate(all="ignore"):
             slopes = complex_step_jacobian(lambda x, p=p: system.f(0.0, x, [0.0] * len(system.inputs), p.tolist()), x0.tolist())
         if not np.all(np.isfinite(slopes)):
             return np.inf
-        most = max(most, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)) * float(problem.record.time[-1] - problem.record.time[0]))
+        most = max(most, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)))
     return most
+
+
+def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
+    """E-foldings of the fastest mode along the longest record, at ``theta`` (the start when None)."""
+    return fastest(layout, theta) * max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
 
 
 def fit_unstable(layout: FitLayout) -> Fit | None:
