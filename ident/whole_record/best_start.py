@@ -21,8 +21,8 @@ from sim.declaration.system import System
 from sim.errors import FlightidError
 from sim.record import Record
 
-FOLLOWED = 16.0  # e-foldings along a record up to which it is followed whole: sensitivities e^16 times as large as others leave half their digits
-PIECE = 12.0  # e-foldings of a piece at most, of a record that is not
+FOLLOWED = 10.0  # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps, cut in two they take 4
+PIECE = 8.0  # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by half
 FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
 RUNAWAY = 10.0  # rms of a residual, in those of the channel about its mean, from which a simulation has run away; one at rest leaves about 1
 

@@ -60,7 +60,7 @@ def test_an_unstable_aircraft_is_found_from_starts_thirty_percent_off(size: floa
         steps.append(estimate.iterations)
         crept = fit_whole_records(FitProblem(lay_out([record], system, SETTINGS)))
         plain.append(60 if crept is None else crept.iterations)
-    assert np.median(steps) <= 0.6 * np.median(plain)
+    assert max(steps) <= 10 and np.median(plain) > 40
     assert np.max(np.abs(scores)) < 4.5 and 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6
 
 
