@@ -37,7 +37,7 @@ class Outcome(Enum):
 _HINTS = {
     "MAX_ITERATIONS": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
     "DIVERGED": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
-    "NOT_IDENTIFIABLE": "fly a maneuver that moves what is not determined, or leave its parameter out of [derivatives]",
+    "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",
     "DEGENERATE": "compare with --method output-error and equation-error, and look whether a channel is computed, filtered or stuck",
 }
 

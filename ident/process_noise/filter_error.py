@@ -38,7 +38,14 @@ __all__ = [
     "turbulence_worth_trying",
 ]
 
-def fit_filter_error(records: Sequence[Record], system: System, settings: FitSettings | None = None, calm: System | None = None) -> Estimate:
+def fit_filter_error(
+    records: Sequence[Record],
+    system: System,
+    settings: FitSettings | None = None,
+    *,
+    calm: System | None = None,
+    local: Collection[str] = (),
+) -> Estimate:
     """Fit the free parameters of a System with process noise to records by the innovations of a Kalman filter.
 
     Parameters
@@ -47,6 +54,7 @@ def fit_filter_error(records: Sequence[Record], system: System, settings: FitSet
     system : not compiled on line; white noise forces a state, by a noise effect or as declared. The parameters of a noise
         effect are estimated where they are free; of declared process noise a common factor on its standard deviation.
     calm : the same model without the noise effect, of which equation error gives a start where the declared values lead astray.
+    local : further parameters of which each record has its own; they are not returned.
 
     Returns
     -------
@@ -66,8 +74,8 @@ def fit_filter_error(records: Sequence[Record], system: System, settings: FitSet
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
-    pieces = in_pieces(records, calm or system, settings)
-    layout = lay_out([piece for each in pieces for piece in each], system, settings)
+    pieces = in_pieces(records, calm or system, settings, local)
+    layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout, calm)

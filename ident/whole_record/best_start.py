@@ -5,7 +5,7 @@ Equation error needs no simulation, so an unstable aircraft is as easy for it as
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from math import ceil
 
@@ -41,12 +41,12 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
     return _better([], from_regression(layout), iter([layout]))
 
 
-def in_pieces(records: Sequence[Record], system: System, settings: FitSettings) -> list[list[Record]]:
+def in_pieces(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()) -> list[list[Record]]:
     """Each record as what is fitted of it: itself, or pieces along which a motion that grows by itself can be followed.
 
     Each piece has its own initial state and biases. Models whose input has a memory, and fits with priors, keep their records whole.
     """
-    layout = lay_out(records, system, settings)
+    layout = lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
         return [[record] for record in records]
     rate = fastest(next(from_regression(layout), layout))

@@ -6,7 +6,7 @@ shared by all records; initial states and the parameters named local belong to o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,13 +27,16 @@ _NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave 
 __all__ = ["FitSettings", "fit_output_error"]
 
 
-def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None) -> Estimate:
+def fit_output_error(
+    records: Sequence[Record], system: System, settings: FitSettings | None = None, *, local: Collection[str] = ()
+) -> Estimate:
     """Fit the free parameters of a System to records by whole-record simulation.
 
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
     system : not compiled on line; bounds, and with ``use_priors`` priors, from its declaration.
+    local : further parameters of which each record has its own; they are not returned.
 
     Returns
     -------
@@ -48,8 +51,8 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     ModelError : a record without any of the outputs, or nothing to estimate.
     """
     settings = settings or FitSettings()
-    pieces = in_pieces(records, system, settings)
-    layout = lay_out([piece for each in pieces for piece in each], system, settings)
+    pieces = in_pieces(records, system, settings, local)
+    layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout)
