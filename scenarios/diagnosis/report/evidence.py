@@ -12,6 +12,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
 from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
@@ -114,6 +115,7 @@ def warnings_of(tracing: Tracing) -> list[str]:
     failed = [caution.test for caution in cautions if caution.test is not None]
     lines = cautions if len(failed) > FEW else []
     told = [caution.sentence for caution in d.warnings if caution not in lines]
+    told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
         share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
         return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
