@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from scenarios.diagnosis.overflows import overflow_sentence
-from tests.integration.command_line import CommandLine
-from tests.integration.commands.test_identify_doubts import recorded, vehicle_file
 from tests.independent.short_period import BUSINESS_JET, Hidden
+from tests.integration.command_line import CommandLine
+from tests.jet_record import recorded, vehicle_file
 
 LOES = """
 name = "jet"
