@@ -53,7 +53,14 @@ def fighter_start(factors: Mapping[str, float] | float) -> Model:
 
 
 def flown_in_a_loop(
-    rng: np.random.Generator, *, duration: float = 12.0, rate: float = 50.0, size: float = 0.03, scale: float = 1.0, gust: float = 0.0, loop: Loop = Loop()
+    rng: np.random.Generator,
+    *,
+    duration: float = 12.0,
+    rate: float = 50.0,
+    size: float = 0.03,
+    scale: float = 1.0,
+    gust: float = 0.0,
+    loop: Loop = Loop(),
 ) -> Record:
     """A record of the fighter in its loop: pilot's 3-2-1-1 of ``size`` rad, sensor noise times ``scale``, white gusts of ``gust`` rad in alpha_dot per root s.
 

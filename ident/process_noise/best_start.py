@@ -24,7 +24,9 @@ from sim.errors import FlightidError
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
 _STILL = 1e-4  # of log likelihood: a step that gains less is none
-_LEAST_DAMPING = 1e-10  # of a motion that grows: in gusts fits settle in ten to thirty steps, and creep with 1e-7; in still air the usual one does better
+_LEAST_DAMPING = (
+    1e-10  # of a motion that grows: in gusts fits settle in ten to thirty steps, and creep with 1e-7; in still air the usual one does better
+)
 Begun = tuple[FitLayout, Mapping[str, float] | None]
 
 

@@ -38,6 +38,7 @@ __all__ = [
     "turbulence_worth_trying",
 ]
 
+
 def fit_filter_error(
     records: Sequence[Record],
     system: System,

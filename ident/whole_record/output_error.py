@@ -27,9 +27,7 @@ _NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave 
 __all__ = ["FitSettings", "fit_output_error"]
 
 
-def fit_output_error(
-    records: Sequence[Record], system: System, settings: FitSettings | None = None, *, local: Collection[str] = ()
-) -> Estimate:
+def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None, *, local: Collection[str] = ()) -> Estimate:
     """Fit the free parameters of a System to records by whole-record simulation.
 
     Parameters

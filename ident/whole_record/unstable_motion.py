@@ -8,8 +8,10 @@ Kaufman 1975), damping acts on what is left, and it is solved for again after ev
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from ident.statistics.normal_equations import LocalModel, local_model, unresolve
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
 from ident.whole_record.layout import FitLayout
+from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian
 
 GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no trouble
@@ -35,11 +38,15 @@ def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
     for r in range(len(layout.problems)):
         p, x0 = layout.split(theta, r)
         with np.errstate(all="ignore"):
-            slopes = complex_step_jacobian(lambda x, p=p: system.f(0.0, x, [0.0] * len(system.inputs), p.tolist()), x0.tolist())
+            slopes = complex_step_jacobian(partial(_rates_at_rest, system, p.tolist()), x0.tolist())
         if not np.all(np.isfinite(slopes)):
             return np.inf
         most = max(most, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)))
     return most
+
+
+def _rates_at_rest(system: System, p: list[float], x: list[Any]) -> Sequence[Any]:
+    return system.f(0.0, x, [0.0] * len(system.inputs), p)
 
 
 def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:

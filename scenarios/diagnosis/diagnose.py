@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
 from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.input_reading import moves_between_samples, no_worse, read_again

@@ -32,8 +32,14 @@ def weighed(model: Model, records: Sequence[Record], outputs: Sequence[str]) -> 
     wider = with_weight(model)
     gain = better_by((model, list(records)), (wider, list(records)), outputs, local=[PATH])
     if gain < BETTER:
-        return model, f"the pitch attitude is measured and not used: the weight along the flight path explains no more (twice the log likelihood {gain:.1f})"
-    return wider, f"the pitch attitude is measured: the weight along the flight path changes speed and loads (twice the log likelihood {gain:.1f} better)"
+        return (
+            model,
+            f"the pitch attitude is measured and not used: the weight along the flight path explains no more (twice the log likelihood {gain:.1f})",
+        )
+    return (
+        wider,
+        f"the pitch attitude is measured: the weight along the flight path changes speed and loads (twice the log likelihood {gain:.1f} better)",
+    )
 
 
 def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:

@@ -54,7 +54,10 @@ def other_reading(used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row]
 
 def reading_rows(reading: OtherReading) -> list[str]:
     """A table of the values under each reading, a line each."""
-    rows = [(row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma") for row, new in reading.moved]
+    rows = [
+        (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
+        for row, new in reading.moved
+    ]
     return table(("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by"), rows, left=2)
 
 

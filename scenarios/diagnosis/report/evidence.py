@@ -113,7 +113,10 @@ def warnings_of(tracing: Tracing) -> list[str]:
     """
     d = tracing.diagnosis
     if nothing_stands(d):
-        told = [*(caution.sentence for caution in d.warnings if caution.test is None), *([overflow_sentence(tracing.overflows)] if tracing.overflows else [])]
+        told = [
+            *(caution.sentence for caution in d.warnings if caution.test is None),
+            *([overflow_sentence(tracing.overflows)] if tracing.overflows else []),
+        ]
         declared = [replace(item, after=item.before) for item in d.fitted]
         open_channels = _channels([test for test in d.tests_before if not test.passed])
         return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]

@@ -77,7 +77,9 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         derivatives=shown_rows(d, ("", *text.derivative_headings(d)), text.derivative_rows(d.before, d.after, d.scatter)),
         derived=shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d)),
         moved_title=_capital(text.moved_title(d)),
-        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures, declared=nothing_stands(d)) if stem != "replication"],
+        figures=[
+            _figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures, declared=nothing_stands(d)) if stem != "replication"
+        ],
         steps=[step.sentence for step in d.steps],
         candidates=candidate_rows(d, len(d.candidates)),
         guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),

@@ -165,11 +165,10 @@ def derived_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     """Rows of what follows from the derivatives; a frequency in rad/s and once more in Hz."""
     rows: list[tuple[str, ...]] = []
     before, after = derived_of(d)
-    for name in before:
-        pair = [{name: side[name]} for side in (before, after) if name in side]
-        rows += derivative_rows(*pair) if len(pair) == 2 else []
-        if len(pair) == 2 and is_frequency(name, before[name].unit):
-            rows += derivative_rows(*({name: _hertz(side[name])} for side in pair))
+    for name in (name for name in before if name in after):
+        rows += derivative_rows({name: before[name]}, {name: after[name]})
+        if is_frequency(name, before[name].unit):
+            rows += derivative_rows({name: _hertz(before[name])}, {name: _hertz(after[name])})
     return rows
 
 

@@ -13,6 +13,7 @@ from tests.independent.short_period import BUSINESS_JET, Hidden, flown
 from tests.integration.command_line import CommandLine
 from tests.jet_record import LONG, recorded, vehicle_file
 
+
 def identified(flightid: CommandLine, folder: Path, record: Path, *options: object) -> tuple[str, dict[str, Any]]:
     told = flightid.done("identify", record, "--model", "rigid", "--vehicle", folder / "v.toml", "--no-figures", "--out", folder / "out", *options)
     content: dict[str, Any] = json.loads((folder / "out" / "comparison.json").read_text())
@@ -33,7 +34,9 @@ def test_both_readings_of_the_inputs_are_shown_where_they_differ(flightid: Comma
     for name, entry in reading["parameters"].items():
         for hold in ("linear", "previous"):
             shown = by_hand[hold]["parameters"][name]
-            assert entry[hold]["estimate"] == pytest.approx(shown["estimate"], rel=1e-9) and entry[hold]["std"] == pytest.approx(shown["std"], rel=1e-9)
+            assert entry[hold]["estimate"] == pytest.approx(shown["estimate"], rel=1e-9) and entry[hold]["std"] == pytest.approx(
+                shown["std"], rel=1e-9
+            )
     assert "derivative" in told and "moved by" in told and "another value with inputs held between samples" in " ".join(told.split())
     assert any("another value" in warning for warning in content["warnings"])
 

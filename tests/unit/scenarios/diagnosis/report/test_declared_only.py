@@ -55,7 +55,8 @@ def test_the_page_has_no_column_after(tmp_path: Path) -> None:
 
 def test_its_figures_show_the_declared_model_alone() -> None:
     shown = pictured(tracing_of(Verdict.UNEXPLAINED))
-    assert all(np.array_equal(item.after, item.before) for item in (*shown.fitted, *shown.predictions))
+    assert all(np.array_equal(item.after, item.before) for item in shown.fitted)
+    assert all(np.array_equal(item.after, item.before) for item in shown.predictions)
     figures = dict(figures_of(shown))
     assert "derivatives" not in figures and "derivatives" in dict(figures_of(pictured(tracing_of(Verdict.PARTIAL))))
     for stem in ("held_out", "residuals", "spectra"):
@@ -93,7 +94,9 @@ def test_an_angular_rate_is_told_in_degrees(name: str) -> None:
 
 
 def test_derived_frequencies_come_in_both_units() -> None:
-    assert derived_line({"natural_frequency": (4.27, 0.05), "delay": (0.1, 0.01)}).startswith("natural frequency 4.270 +- 0.050 rad/s (0.68 Hz); delay")
+    assert derived_line({"natural_frequency": (4.27, 0.05), "delay": (0.1, 0.01)}).startswith(
+        "natural frequency 4.270 +- 0.050 rad/s (0.68 Hz); delay"
+    )
     for verdict in Verdict:
         rows = [line.split() for line in diagnosis_text(tracing_of(verdict)).splitlines() if line.strip().startswith("natural_frequency")]
         assert [row[1] for row in rows] == ["rad/s", "Hz"]
