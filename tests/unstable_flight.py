@@ -9,7 +9,6 @@ import numpy as np
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.declaration.parameters import ParameterSet
 from sim.propagation.integrate import rk4_step
 from sim.record import Channel, Record
 from tests.bases import rigid_model, three_two_one_one
@@ -62,9 +61,9 @@ def flown_in_a_loop(
     gust: float = 0.0,
     loop: Loop = Loop(),
 ) -> Record:
-    """A record of the fighter in its loop: pilot's 3-2-1-1 of ``size`` rad, sensor noise times ``scale``, white gusts of ``gust`` rad in alpha_dot per root s.
+    """A record of the fighter in its loop: a pilot's 3-2-1-1 of ``size`` rad twice, sensor noise times ``scale``.
 
-    The recorded elevator is the one that flew, held between samples.
+    ``gust``: white noise on alpha_dot, rad per root s. The recorded elevator is the one that flew, held between samples.
     """
     model = fighter()
     system = compile_model(model)
@@ -87,8 +86,3 @@ def flown_in_a_loop(
             x[0] += gust * float(np.sqrt(STEP) * rng.standard_normal())
     outputs = tuple(Channel.of(name, "1", row) for name, row in zip(system.output_names, seen, strict=True))
     return Record(time, (Channel.of("elevator", "rad", flown),), outputs)
-
-
-def at_rest() -> ParameterSet:
-    """Initial states of the fighter."""
-    return fighter().initial

@@ -24,18 +24,17 @@ from sim.errors import FlightidError
 AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
 ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
 _STILL = 1e-4  # of log likelihood: a step that gains less is none
-_LEAST_DAMPING = (
-    1e-10  # of a motion that grows: in gusts fits settle in ten to thirty steps, and creep with 1e-7; in still air the usual one does better
-)
+# Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7; in still air the usual one does better.
+_LEAST_DAMPING = 1e-10
 Begun = tuple[FitLayout, Mapping[str, float] | None]
 
 
 def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
     """The filter-error fit of a layout; None where no start has a finite cost.
 
-    ``calm`` is the same model without the effect that forces its states (None: the layout's own), of which equation error and output error give further
-    starts: where the declared values let the motion grow or run away, and where the fit from them does not settle or is degenerate. The first fit that
-    settles at an honest maximum is returned, else the best by that order: honest, settled, likely.
+    ``calm`` is the same model without the effect that forces its states (None: the layout's own), of which equation error and output error
+    give further starts: where the motion grows at the declared values, and where the fit from them does not settle or is degenerate. The first
+    fit that settles at an honest maximum is returned, else the best by that order: honest, settled, likely.
     """
     tried: list[Fit] = []
     plain = without_process_noise.quiet(layout)
@@ -90,7 +89,7 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
 
 
 def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
-    """The layout with exact derivatives, settled where the cost is: an initial state that grows by e^15 never stands still to a share of its own sigma."""
+    """The layout with exact derivatives, settled where its cost is: an initial state that grows by e^15 never stands still in its own sigmas."""
     problems, settings = tuple(replace(problem, exact=True) for problem in layout.problems), layout.settings
     return replace(layout, problems=problems, settings=replace(settings, enough=max(settings.enough, _STILL), least_damping=least_damping))
 

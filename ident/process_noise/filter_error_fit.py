@@ -92,7 +92,7 @@ def noise_start(fit: Fit) -> np.ndarray:
 
 
 def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record show; infinite where too few samples in a row are ``valid``."""
+    """Level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record show; infinite with too few ``valid`` samples in a row."""
     out = np.full(len(rows[0]), np.inf)
     for i in range(len(out)):
         found = []

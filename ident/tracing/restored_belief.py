@@ -44,7 +44,9 @@ def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, Fit
     return ledger.told(Step(chosen.names, ledger.score(chosen), chosen.fit.log_likelihood, sentence)), ledger.known(chosen)
 
 
-def _nearest(ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, ...]], within: float = 0.0) -> tuple[Ledger, FittedModel | None]:
+def _nearest(
+    ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, ...]], within: float = 0.0
+) -> tuple[Ledger, FittedModel | None]:
     """Of sets that leave noise and explain the records as well as ``best``, the one of lowest criterion with the misfit to the declared derivatives.
 
     ``within`` : how much worse one may be, in twice the log likelihood.

@@ -1,6 +1,6 @@
 """Where an output-error fit begins: at the declared values, or at those of equation error where the declared ones lead astray.
 
-Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one; output error goes on from there and takes its bias away.
+Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one; output error goes on from there.
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ SPAN = 60  # a slope is taken over two sixtieths of the record
 def known_states(record: Record, system: System, p: Sequence[float] | np.ndarray | None = None) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Position of a state -> times ``(k,)`` and values ``(k,)``; good enough to begin a fit with.
 
-    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own when None). Slopes are those of straight lines over a window, after a running median of five against spikes.
+    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own when None). Slopes are those of straight
+    lines over a window, after a running median of five against spikes.
     """
     names = system.state_names
     found: dict[int, tuple[np.ndarray, np.ndarray]] = {}

@@ -32,7 +32,7 @@ _STEEPEST = 1e8  # damping from which no descent is left
 
 
 def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where none grows, infinite where the equations overflow."""
+    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where none grows, infinite where they overflow."""
     theta = layout.start if theta is None else theta
     system, most = layout.system, 0.0
     for r in range(len(layout.problems)):

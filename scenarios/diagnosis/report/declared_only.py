@@ -33,7 +33,7 @@ def shown_rows(d: Diagnosis, headings: Sequence[str], cells: Sequence[Sequence[s
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the declared model alone, and no derivatives after it."""
+    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the declared model alone, no derivatives after it."""
     if not nothing_stands(d):
         return d
     return replace(
