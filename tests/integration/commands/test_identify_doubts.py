@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ident.estimate import Outcome
+from sim.declaration.compile import compile_model
+from tests.bases import fly, rigid_flight, rigid_model
 from tests.independent.short_period import BUSINESS_JET, Hidden, flown
 from tests.integration.command_line import CommandLine
 from tests.jet_record import LONG, recorded, vehicle_file
+from tests.rigid_problem import noisy
+from tests.unstable_flight import DERIVATIVES, FIGHTER, flown_in_a_loop
 
 
 def identified(flightid: CommandLine, folder: Path, record: Path, *options: object) -> tuple[str, dict[str, Any]]:
@@ -92,3 +97,41 @@ def test_a_derivative_of_impossible_sign_is_named_in_one_line(flightid: CommandL
     assert " ".join(told.split()).count("not to be believed") == 1
     right = identified(flightid, tmp_path, tmp_path / "flight.csv", "--hold", "linear")[1]
     assert not any("not to be believed" in warning for warning in right["warnings"])
+
+
+def test_each_segment_has_a_flight_path_of_its_own(flightid: CommandLine, tmp_path: Path) -> None:
+    vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
+    record = recorded(tmp_path / "flight.csv", Hidden(exchange=True, climb=0.05), ("alpha", "q", "nz", "theta"))
+    content = identified(flightid, tmp_path, record, "--hold", "linear", "--from", 0, "--to", 12, "--from", 13, "--to", 27)[1]
+    assert len(content["segments"]) == 2 and content["outcome"] == "converged"
+    assert any("the weight along the flight path changes speed and loads" in note for note in content["notes"])
+    true = BUSINESS_JET.derivatives
+    assert all(abs(row["estimate"] - true[name]) < 0.1 * abs(true[name]) + 4.0 * row["std"] for name, row in content["parameters"].items())
+
+
+@pytest.mark.parametrize("method", ["output-error", "filter-error"])
+def test_an_unstable_aircraft_is_identified_and_its_pieces_are_told(flightid: CommandLine, tmp_path: Path, method: str) -> None:
+    record = flown_in_a_loop(np.random.default_rng(4))
+    columns = {"time": record.time, **{channel.name: channel.values for channel in record.channels}}
+    np.savetxt(tmp_path / "flight.csv", np.array([*columns.values()]).T, delimiter=",", header=",".join(columns), comments="", fmt="%.12g")
+    starts = [f"{name} = {0.7 * value}" for name, value in FIGHTER.items() if name in DERIVATIVES]
+    constants = [f"{name} = {value}" for name, value in FIGHTER.items() if name not in DERIVATIVES]
+    (tmp_path / "v.toml").write_text("\n".join(['name = "fighter"', *constants, "[derivatives]", *starts]))
+    content = identified(flightid, tmp_path, tmp_path / "flight.csv", "--hold", "previous", "--method", method)[1]
+    assert content["outcome"] == "converged" and content["warnings"] == []
+    assert any("the motion is unstable by itself: it is followed in 2 pieces" in note for note in content["notes"])
+    assert all(abs(content["parameters"][name]["estimate"] - FIGHTER[name]) < 4.0 * content["parameters"][name]["std"] for name in DERIVATIVES)
+
+
+def test_a_degenerate_fit_is_no_result_and_says_what_to_do(flightid: CommandLine, tmp_path: Path) -> None:
+    """An angle of attack that was computed by the very model, not measured: nothing of its noise is left to weigh it by."""
+    vehicle_file(tmp_path / "v.toml", BUSINESS_JET)
+    names = ("mass", "wing_area", "chord", "pitch_inertia", "airspeed", "air_density")
+    model = rigid_model({**{name: getattr(BUSINESS_JET, name) for name in names}, **BUSINESS_JET.derivatives})
+    flight = rigid_flight(8.0, 50.0)
+    record, clean = noisy(model, flight, np.random.default_rng(1)), fly(compile_model(model), flight)[0]
+    columns = {"time": record.time, **{channel.name: channel.values for channel in record.channels}, "alpha": clean}
+    np.savetxt(tmp_path / "exact.csv", np.array([*columns.values()]).T, delimiter=",", header=",".join(columns), comments="", fmt="%.15g")
+    told, content = identified(flightid, tmp_path, tmp_path / "exact.csv", "--hold", "previous", "--method", "filter-error", "--trust-record")
+    assert content["outcome"] == "degenerate"
+    assert any(Outcome.DEGENERATE.hint in warning for warning in content["warnings"]) and "caution: degenerate" in told
