@@ -55,7 +55,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     if vehicle.model == "loes" and method == "ekf":
         from scenarios.identification.low_order import identify_loes
 
-        return identify_loes(record, vehicle)
+        found = identify_loes(record, vehicle)
+        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows))
     model = model or model_of_file(vehicle)
     if not uses_attitude(vehicle, method):
         model, records = without_theta(model, records)
