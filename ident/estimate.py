@@ -21,11 +21,25 @@ class Outcome(Enum):
     DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
     INDEFINITE = "the covariance lost its positive definiteness"
     NOT_IDENTIFIABLE = "the record does not determine all parameters"
+    DEGENERATE = "degenerate: a noise level ran to its limit, where the likelihood has no honest maximum; values and sigmas mean nothing"
 
     @property
     def code(self) -> str:
         """Short name for files, e.g. ``"converged"``, ``"not-identifiable"``."""
         return self.name.lower().replace("_", "-")
+
+    @property
+    def hint(self) -> str:
+        """What a user can do about it; empty where nothing has to be done."""
+        return _HINTS.get(self.name, "")
+
+
+_HINTS = {
+    "MAX_ITERATIONS": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
+    "DIVERGED": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
+    "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",
+    "DEGENERATE": "compare with --method output-error and equation-error, and look whether a channel is computed, filtered or stuck",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,4 +141,11 @@ def quiet_numerics() -> Iterator[None]:
 
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", LinAlgWarning)
+        yield
+
+
+@contextmanager
+def counted_numerics() -> Iterator[None]:
+    """No warnings from a computation that leaves out what overflows: whoever set a function to be called (``np.errstate(call=...)``) counts."""
+    with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

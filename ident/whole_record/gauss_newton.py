@@ -21,7 +21,6 @@ from ident.whole_record.linearise import Linearisation, linearise
 from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
 _REMEMBERED = 4  # steps whose change of gradient is used
-_LEAST_DAMPING = 1e-4  # where noise levels are unknowns: less is of no use, and would have to be undone after a step too far
 _NOTHING = 1e-3  # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04 sigmas)
 _NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
@@ -122,7 +121,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
     curved = bool(noise_model.names)
-    floor = _LEAST_DAMPING if curved else 1e-12
+    floor = settings.least_damping if curved else 1e-12
     moves: list[tuple[np.ndarray, np.ndarray]] = []
     gradient = fit.normal_equations()[1]
     model = local_model(*fit.normal_equations(), fit.theta, low, high)
@@ -130,7 +129,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         done += 1
         least, most = noise_model.step_bounds(layout, fit.theta)
         trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        trial = evaluate(problem, trial_theta, _carried(fit, trial_theta))
+        trial = evaluate(problem, trial_theta, carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
             before, fit, damping = fit, trial, max(damping / 10.0, floor)
@@ -196,7 +195,7 @@ def joined_up(fit: Fit) -> Fit:
     return fit
 
 
-def _carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
+def carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
     """Trajectory guesses at other parameters, by the sensitivities of this point."""
     step = theta - fit.theta
     return [np.array(line.states + line.by_state @ step[fit.layout.columns(r)]) for r, line in enumerate(fit.lines)]

@@ -31,6 +31,8 @@ class FitSettings:
     coloured : correct the covariance for residuals that are not white.
     enough : the fit also ends when a step lowers the cost by less than this: for comparing models it need not be lower.
     exact : derivatives by complex steps; ten times dearer than differences, which are good to a millionth.
+    least_damping : of a step where noise levels are unknowns: less is of no use there and would have to be undone after a step too far. Only
+        a motion that grows needs less: what its records know best they know by e^15 better than the rest.
     """
 
     max_step: float = 0.01
@@ -40,6 +42,7 @@ class FitSettings:
     coloured: bool = True
     enough: float = 0.0
     exact: bool = False
+    least_damping: float = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,47 +6,71 @@ shared by all records; initial states and the parameters named local belong to o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
-from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces
+from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.unstable_motion import projected_covariance
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
 
 METHOD = "output-error"
+_NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave a few
 __all__ = ["FitSettings", "fit_output_error"]
 
 
-def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None) -> Estimate:
+def fit_output_error(records: Sequence[Record], system: System, settings: FitSettings | None = None, *, local: Collection[str] = ()) -> Estimate:
     """Fit the free parameters of a System to records by whole-record simulation.
 
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
     system : not compiled on line; bounds, and with ``use_priors`` priors, from its declaration.
+    local : further parameters of which each record has its own; they are not returned.
 
     Returns
     -------
     Estimate of the shared free parameters; biases and initial states are nuisances, projected out of the covariance.
     Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
-    cost was found, ``MAX_ITERATIONS`` when it had not settled.
+    cost was found, ``MAX_ITERATIONS`` when it had not settled, ``DEGENERATE`` when an output is met exactly and another is not.
+    Where the start is unstable or its simulation runs away, the fit begins from equation error, and a motion that grows beyond what can be
+    followed is cut, which ``message`` tells: see `ident.whole_record.best_start`.
 
     Raises
     ------
     ModelError : a record without any of the outputs, or nothing to estimate.
     """
-    layout = lay_out(records, system, settings or FitSettings())
+    settings = settings or FitSettings()
+    pieces = in_pieces(records, system, settings, local)
+    layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
-    fit = fit_whole_records(FitProblem(layout))
-    return failed_estimate(layout) if fit is None else estimate_of(fit)
+    fit = fit_from_best_start(layout)
+    found = failed_estimate(layout) if fit is None else estimate_of(fit)
+    return replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
+
+
+def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
+    """Covariance of the shared parameters ``(s, s)`` and whether all are determined; of a motion that grows without squaring its sensitivities."""
+    n = len(fit.layout.shared)
+    if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
+        return projected_covariance(fit)
+    covariance, determined = fit_covariance(fit)
+    return covariance[:n, :n], determined
+
+
+def degenerate(fit: Fit) -> bool:
+    """Whether some output is met to rounding while another is far from it: the one without noise outweighs all others without bound."""
+    above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
+    return bool(np.any(above <= 1.0) and np.any(above > _NOISY))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -63,14 +87,15 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 def estimate_of(fit: Fit) -> Estimate:
     """The shared parameters of a fit as an Estimate."""
     layout, n = fit.layout, len(fit.layout.shared)
-    covariance, determined = fit_covariance(fit)
+    covariance, determined = shared_covariance(fit)
+    outcome = Outcome.DEGENERATE if degenerate(fit) else fit.outcome if determined else Outcome.NOT_IDENTIFIABLE
     return Estimate(
         METHOD,
         layout.shared,
         tuple(layout.system.parameters[name].unit for name in layout.shared),
         fit.theta[:n].copy(),
-        covariance[:n, :n],
-        fit.outcome if determined else Outcome.NOT_IDENTIFIABLE,
+        covariance,
+        outcome,
         fit.log_likelihood,
         layout.system.output_names,
         np.sqrt(fit.variance),

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ident.estimate import Outcome
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
-from scenarios.identification.identify import METHODS, identify
+from scenarios.identification.identify import FILTERS, METHODS, identify, uses_attitude
+from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
 from scenarios.identification.result import Identification
 from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices
 from scenarios.studies.comparison import estimate_content
 from sim.errors import DeclarationError, FlightidError
-from sim.record import Record
+from sim.record import Hold, Record
+
+if TYPE_CHECKING:
+    from scenarios.preparation.plan import Plan
+    from scenarios.preparation.reading import Prepared
 
 SCHEMA = "flightid/comparison/1"
 
@@ -38,15 +44,32 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     file = read_record_file(request.records[0])
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = request.model == "loes" and method == "ekf"
-    ready = prepare([file], model_of_file(vehicle), request.plan, choices, flow=not own)
-    refuse_still(ready.fitted, ready.model)
-    first, *others = ready.measured if own else ready.fitted
-    found = replace(identify(first, vehicle, method, others, ready.model), notes=ready.notes, doubts=ready.doubts, look=ready.look)
+
+    def identified(plan: Plan) -> tuple[Prepared, Identification]:
+        ready = prepare([file], model_of_file(vehicle), plan, choices, flow=not own, attitude=uses_attitude(vehicle, method))
+        refuse_still(ready.fitted, ready.model)
+        first, *others = ready.measured if own else ready.fitted
+        found = identify(first, vehicle, method, others, ready.model)
+        return ready, replace(found, notes=(*ready.notes, *found.notes), doubts=ready.doubts, look=ready.look)
+
+    ready, found = identified(request.plan)
+    if method not in FILTERS and found.record.inputs and request.plan.hold is None and not file.sidecar.says_hold:
+        found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold))[1])
     if out is not None:
         _write(found, ready.measured, file, out, figures)
     _print(found)
     if out is not None:
         print(f"written to {out}")
+
+
+def _read_otherwise(found: Identification, again: Callable[[Hold], Identification]) -> Identification:
+    """The identification with what the other reading of its inputs changes, where it says anything."""
+    used = found.record.hold
+    other = again(opposite(used))
+    if other.estimate.outcome is not Outcome.CONVERGED or found.estimate.outcome is not Outcome.CONVERGED:
+        return found
+    gain = 2.0 * (other.estimate.log_likelihood - found.estimate.log_likelihood)
+    return replace(found, reading=other_reading(used, found.rows, other.rows, gain))
 
 
 def identification_content(found: Identification, file: InputFile) -> dict[str, Any]:
@@ -61,7 +84,8 @@ def identification_content(found: Identification, file: InputFile) -> dict[str, 
         **content,
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
-        "warnings": [*found.doubts, *found.look.set_aside],
+        **({"input_reading": reading_content(found.reading)} if found.reading else {}),
+        "warnings": [*found.doubts, *found.cautions, *([found.reading.sentence] if found.reading else []), *found.look.set_aside],
         "notes": list(found.notes),
         "record": record_content(found.look),
         "inputs": {"records": [file.name], "sha256": [file.sha256]},
@@ -109,6 +133,8 @@ def _print(found: Identification) -> None:
         terminal.print(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}")
     for doubt in found.doubts:
         terminal.print(f"warning: {doubt}", highlight=False)
+    for caution in found.cautions:
+        terminal.print(f"caution: {caution}", highlight=False)
     for line in record_lines(found.look):
         terminal.print(line, highlight=False)
     table = Table()
@@ -123,6 +149,10 @@ def _print(found: Identification) -> None:
         share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
         table.add_row(row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun)
     terminal.print(table)
+    if found.reading:
+        terminal.print(f"caution: {found.reading.sentence}", highlight=False)
+        for line in reading_rows(found.reading):
+            terminal.print(line, highlight=False)
     units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
     levels = zip(estimate.output_names, estimate.noise_std, strict=True)
     shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]

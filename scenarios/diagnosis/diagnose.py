@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Diagnosis, Verdict, Witness
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
 from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.input_reading import better, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
+from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import STICK
 from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
@@ -34,22 +35,6 @@ if TYPE_CHECKING:
 KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
 
 
-class Trace(Protocol):
-    """The tracing loop, ``ident.tracing.loop.diagnose``."""
-
-    def __call__(
-        self,
-        records: Sequence[Record],
-        model: Model,
-        candidates: Sequence[Traceable],
-        guards: Sequence[Traceable],
-        validation: Sequence[Record],
-        settings: TraceSettings,
-        progress: Callable[[str, float], None],
-        witness: Witness,
-    ) -> Diagnosis: ...
-
-
 @dataclass(frozen=True)
 class Inputs:
     """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was held out, ``effects`` where none was named."""
@@ -68,7 +53,7 @@ class Tracing:
     record was cut, None where whole records were predicted. ``explanations`` by effect name; ``own`` likewise: the traits of
     effects that are not the library's. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
-    ``look``: what their raw columns show.
+    ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
     """
 
     diagnosis: Diagnosis
@@ -84,6 +69,7 @@ class Tracing:
     doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
     look: RawLook = NOTHING_SEEN
+    overflows: int = 0
 
     @property
     def stick_unit(self) -> str:
@@ -140,7 +126,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     own, of_effects = _own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
     witness = _witness(opened, posed, request.plan)
-    run = trace or _loop()
+    overflows = Overflows()
+    run = overflows.counted(trace or _loop())
     guards = guards_for(posed.model.equations)
     diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
     part = moves_between_samples(diagnosis, candidates, posed.records)
@@ -165,6 +152,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
         posed.look,
+        overflows.count,
     )
 
 

@@ -48,7 +48,9 @@ def better(again: Diagnosis, first: Diagnosis) -> bool:
     if not no_worse(again, first):
         return False
     counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
-    lower = sum(2.0 * count * np.log(first.noise_floor[name] / again.noise_floor[name]) for name, count in counts.items() if name in again.noise_floor)
+    lower = sum(
+        2.0 * count * np.log(first.noise_floor[name] / again.noise_floor[name]) for name, count in counts.items() if name in again.noise_floor
+    )
     fewer = sum(len(found.parameters) for found in first.effects) - sum(len(found.parameters) for found in again.effects)
     return float(lower + fewer * np.log(max(sum(counts.values()), 2))) > BETTER
 

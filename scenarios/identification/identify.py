@@ -14,6 +14,8 @@ from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.cautions import cautions_of
+from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
 from scenarios.preparation.vehicle_model import model_of_file
 from scenarios.studies.rows import rows_of
@@ -21,6 +23,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System
+from sim.effects.disturbance.phugoid import ATTITUDE, SPEED
 from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
@@ -52,16 +55,21 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     if vehicle.model == "loes" and method == "ekf":
         from scenarios.identification.low_order import identify_loes
 
-        return identify_loes(record, vehicle)
+        found = identify_loes(record, vehicle)
+        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows))
     model = model or model_of_file(vehicle)
+    if not uses_attitude(vehicle, method):
+        model, records = without_theta(model, records)
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
+    model, said = weighed(model, records, outputs)
     biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     system, estimate = _estimated(records, biased, outputs, method, FitSettings(FIT_STEP, use_priors=bool(vehicle.modes)))
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
+    slow = (SPEED, ATTITUDE)
     airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
-    derived = modal_estimate(system, _of_parameters(estimate, system.parameters)) if airborne else {}
+    derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return Identification(
@@ -75,7 +83,14 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free},
         _tests(records, estimate),
         tuple(others),
+        notes=tuple(note for note in (said, estimate.message) if note),
+        cautions=cautions_of(vehicle, estimate, rows),
     )
+
+
+def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
+    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only a whole-record simulation has."""
+    return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
 
 def _refuse(records: Sequence[Record], vehicle: VehicleFile, method: str) -> None:
@@ -101,8 +116,8 @@ def _estimated(records: Sequence[Record], model: Model, outputs: list[str], meth
     if method == "filter-error":
         from ident.process_noise.filter_error import fit_filter_error
 
-        return system, fit_filter_error(records, compile_model(_forced(model), outputs), settings)
-    fit = fit_output_error(records, system, settings)
+        return system, fit_filter_error(records, compile_model(_forced(model), outputs), settings, calm=system, local=[PATH])
+    fit = fit_output_error(records, system, settings, local=[PATH])
     if method not in FILTERS:
         return system, fit
     record = records[0]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ident.estimate import Estimate
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
 from sim.record import Record
@@ -16,8 +17,9 @@ from sim.record import Record
 class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
-    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared,
-    ``doubts`` what in the files is likely to be wrong, ``look`` what their raw columns show.
+    ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
+    ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
+    the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
     """
 
     record: Record
@@ -32,4 +34,6 @@ class Identification:
     others: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    cautions: tuple[str, ...] = ()
+    reading: OtherReading | None = None
     look: RawLook = NOTHING_SEEN

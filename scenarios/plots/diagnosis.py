@@ -84,11 +84,14 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 
 
 def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "") -> Figure:
-    """The predicted record: measured, predicted with and without the effects, and below what each leaves; angles in degrees."""
-    responses = [
-        Response(label, dict(zip(prediction.channels, values, strict=True)))
-        for label, values in (("predicted after", prediction.after), ("predicted before", prediction.before))
-    ]
+    """The predicted record: measured, predicted with and without the effects, and below what each leaves; angles in degrees.
+
+    One prediction where nothing was added.
+    """
+    same = np.array_equal(prediction.after, prediction.before)
+    both = (("predicted after", prediction.after), ("predicted before", prediction.before))
+    shown = (("predicted", prediction.before),) if same else both
+    responses = [Response(label, dict(zip(prediction.channels, values, strict=True))) for label, values in shown]
     figure = figure_fit(prediction.record, responses, None, title, noise)
     for panel in figure.axes:
         _few_ticks(panel)
@@ -176,7 +179,7 @@ def figure_derivatives(before: Mapping[str, Quantity], after: Mapping[str, Quant
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Power spectra of the residuals before and after over that of the noise: white noise of the right size lies at one.
+    """Power spectra of the residuals before and after over that of the noise: white noise of the right size lies at one. One where nothing was added.
 
     Periodograms under a Hann window, averaged over neighbouring frequencies. Samples missing or set aside count as zero, uneven
     sampling is read as even at its mean interval.
@@ -187,7 +190,9 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     for panel, (row, name) in zip(sheet.panels, shown, strict=True):
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
-        for residual, colour, style, label in ((fitted.before[row], VERMILION, "--", "before"), (fitted.after[row], BLUE, "-", "after")):
+        both = ((fitted.before[row], VERMILION, "--", "before"), (fitted.after[row], BLUE, "-", "after"))
+        alone = ((fitted.before[row], BLUE, "-", "residual"),)
+        for residual, colour, style, label in alone if np.array_equal(fitted.before, fitted.after) else both:
             hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
             panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, color=colour, linestyle=style, linewidth=1.2, label=label)
         panel.set_yscale("log")

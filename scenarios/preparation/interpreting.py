@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,16 +25,16 @@ IN_PASSING = 0.5  # of the other steps: where so many follow one another, a hand
 Reading = tuple[Model, list[Record]]
 
 
-def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0) -> float:
+def better_by(first: Reading, second: Reading, outputs: Sequence[str], least: float = 0.0, local: Collection[str] = ()) -> float:
     """Twice the log likelihood by which the second reading fits better than the first, in effective samples.
 
     Zero where one cannot be fitted or has no fewer unknowns than samples, and where a record by itself speaks against the sum of all: an
     effect that the model lacks may favour the wrong reading in one maneuver, a right one is right in all. Zero too where no
-    channel's residual falls by the share ``least``.
+    channel's residual falls by the share ``least``. ``local`` are parameters of which each record has its own.
     """
     if any(np.max(np.abs(channel.values)) > BEYOND for record in first[1] for channel in record.channels):
         return 0.0  # no measurement; whoever fits it says so
-    old, new = _fit(first, outputs), _fit(second, outputs)
+    old, new = _fit(first, outputs, local), _fit(second, outputs, local)
     if old is None or new is None or not np.all(np.isfinite([*old.variance, *new.variance])) or min(*old.variance, *new.variance) <= 0.0:
         return 0.0
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
@@ -80,10 +80,10 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
     return better_by(read(model, with_hold(some, Hold.PREVIOUS)), read(model, with_hold(some, Hold.LINEAR)), outputs) if outputs else 0.0
 
 
-def _fit(reading: Reading, outputs: Sequence[str]) -> Fit | None:
+def _fit(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> Fit | None:
     model, records = reading
     biased = model.with_biases([name for name in outputs if name != "altitude"])
-    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), SETTINGS)))
+    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), SETTINGS, local=local)))
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:

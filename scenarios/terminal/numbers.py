@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
+from scenarios.terminal.quantities import in_hertz
 
 
 def console(width: int | None = None) -> Console:
@@ -30,7 +31,7 @@ def number(value: float, std: float | None = None) -> str:
 def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
     """Natural frequency, damping and the like with their sigmas, in one line."""
     words = {"natural_frequency": "natural frequency {} rad/s", "damping_ratio": "damping ratio {}", "delay": "delay {} s"}
-    return "; ".join(words[key].format(f"{number(v, s)} +- {number(s, s)}") for key, (v, s) in derived.items())
+    return "; ".join(words[key].format(f"{number(v, s)} +- {number(s, s)}") + in_hertz(v, key, "rad/s") for key, (v, s) in derived.items())
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:

@@ -16,11 +16,22 @@ UNDETERMINED = "not determined by these data"
 
 
 def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> str:
-    """``"0.061 +- 0.001 s"``, angles in degrees, digits by the sigma; ``unit`` replaces the quantity's own."""
+    """``"0.061 +- 0.001 s"``, angles in degrees, frequencies in rad/s and Hz, digits by the sigma; ``unit`` replaces the quantity's own."""
     value, std, text = displayed(quantity, name)
     if name == "count":  # of events: a whole number
         return f"{value:.0f}"
-    return value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
+    told = value_text(value, std, text if unit is None else unit) if determined(value, std) else UNDETERMINED
+    return told + in_hertz(value, name, text) if determined(value, std) else told
+
+
+def is_frequency(name: str, unit: str) -> bool:
+    """Whether a quantity of ``unit`` is a frequency by its name (``frequency``, ``natural_frequency``, ``omega1``), which nobody reads in deg/s."""
+    return unit == "rad/s" and ("frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega")
+
+
+def in_hertz(value: float, name: str, unit: str) -> str:
+    """``" (1.91 Hz)"`` behind a frequency in rad/s, nothing behind anything else."""
+    return f" ({value / (2.0 * math.pi):.3g} Hz)" if is_frequency(name, unit) else ""
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
@@ -34,7 +45,7 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
     """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
-    if quantity.unit in DEGREES and "frequency" not in name:
+    if quantity.unit in DEGREES and not is_frequency(name, quantity.unit):
         factor = 180.0 / math.pi
         return factor * quantity.value, factor * quantity.std, DEGREES[quantity.unit]
     return quantity.value, quantity.std, quantity.unit

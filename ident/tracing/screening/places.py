@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.estimate import LARGEST, counted_numerics
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from sim.declaration.proposal import Probe
@@ -68,9 +69,17 @@ def closer_places(weighed: Weighed) -> list[int]:
 
 
 def weigh(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, spans: Sequence[slice], places: Sequence[int]) -> Weighed:
-    """A signature at each of some places, acting on each of ``spans`` by itself."""
+    """A signature at each of some places, acting on each of ``spans`` by itself; one whose square leaves the range of numbers counts as none."""
+    with counted_numerics():
+        return _weighed(fitted, parts, white, spans, places)
+
+
+def _weighed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, spans: Sequence[slice], places: Sequence[int]) -> Weighed:
     total, N = float(white.e @ white.e), float(fitted.fit.counts.sum())
     flat = _placed(fitted, parts, white, places)
+    beyond = ~(np.einsum("ij,ij->i", flat, flat) < LARGEST**2)
+    if np.any(beyond):
+        flat[beyond] = 0.0
     k = len(flat) // len(places)
     gains, amplitudes, each = np.zeros(len(places)), np.zeros((len(places), k)), []
     for rows in spans:

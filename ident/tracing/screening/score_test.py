@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.estimate import counted_numerics
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import alternative_outputs
@@ -116,9 +117,10 @@ def _signatures(fitted: FittedModel, effect: Traceable, probes: Sequence[Probe])
         states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
         y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))
-        for number, (first, count, reference, step) in enumerate(where):
-            zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
-            blocks[number].append((changed[:, :, first : first + count] - zero) / step)
+        with counted_numerics():  # a simulation that ran away has no signature: `weigh` leaves it out
+            for number, (first, count, reference, step) in enumerate(where):
+                zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
+                blocks[number].append((changed[:, :, first : first + count] - zero) / step)
     return blocks
 
 

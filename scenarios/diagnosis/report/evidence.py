@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity
 from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.overflows import overflow_sentence
+from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
@@ -92,7 +94,7 @@ def _member(quantity: Quantity, first: Quantity | None) -> str:
 
 def member_tables(d: Diagnosis) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
     """For each effect with alternatives: their names, and the rows of the derivatives under each of them."""
-    shown = [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
+    shown = [] if nothing_stands(d) else [(claim, member_derivatives(claim, d.after)) for claim in d.effects]
     return [(tuple(claim.derivatives_under), rows) for claim, rows in shown if rows]
 
 
@@ -107,20 +109,25 @@ def record_labels(tracing: Tracing) -> list[str]:
 def warnings_of(tracing: Tracing) -> list[str]:
     """The warnings with a description of what is left in each channel, in place of long lists of tests that failed.
 
-    Where nothing stands although the last set leaves noise (a guard is in it), what the declared model leaves is described.
+    Where nothing stands, what the declared model leaves is described: what hints would leave is no result.
     """
     d = tracing.diagnosis
+    if nothing_stands(d):
+        told = [
+            *(caution.sentence for caution in d.warnings if caution.test is None),
+            *([overflow_sentence(tracing.overflows)] if tracing.overflows else []),
+        ]
+        declared = [replace(item, after=item.before) for item in d.fitted]
+        open_channels = _channels([test for test in d.tests_before if not test.passed])
+        return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]
     cautions = [caution for caution in d.warnings if caution.test is not None]
     failed = [caution.test for caution in cautions if caution.test is not None]
     lines = cautions if len(failed) > FEW else []
     told = [caution.sentence for caution in d.warnings if caution not in lines]
+    told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
         share = [f"{len(failed)} of {len(d.tests_after)} tests for whiteness fail in {', '.join(_channels(failed))}"] if lines else []
         return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
-    if d.verdict is Verdict.UNEXPLAINED:
-        declared = [replace(item, after=item.before) for item in d.fitted]
-        open_channels = _channels([test for test in d.tests_before if not test.passed])
-        return [*told, *(f"with the declared model, {line}" for line in _left(tracing, declared, open_channels))]
     return told
 
 

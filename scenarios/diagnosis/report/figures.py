@@ -20,6 +20,11 @@ CAPTIONS = {
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }
+DECLARED_CAPTIONS = {
+    **CAPTIONS,
+    "held_out": "Measured against what the declared model predicts of data that were not fitted, and what it leaves",
+    "residuals": "Residuals of the fitted data with the declared model",
+}  # where no effect stands beside it
 
 
 def draw_diagnosis(pictured: Pictured, folder: Path, part: slice = slice(None)) -> None:
@@ -45,7 +50,7 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
         out.append((numbered("spectra", number), partial(figure_spectra, fitted, noise, f"{name}: spectra of the residuals")))
     if pictured.candidates:
         out.append(("evidence", partial(figure_evidence, pictured.candidates, pictured.claimed, "Evidence")))
-    if pictured.before:
+    if pictured.before and pictured.after:
         out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
     if pictured.replicated:
         from scenarios.plots.replication import figure_replication
@@ -59,10 +64,10 @@ def numbered(stem: str, number: int) -> str:
     return stem if number == 0 else f"{stem}_{number + 1}"
 
 
-def figure_stems(folder: Path) -> list[tuple[str, str]]:
-    """Stems and captions of the figures in a folder, in the order of the report."""
+def figure_stems(folder: Path, *, declared: bool = False) -> list[tuple[str, str]]:
+    """Stems and captions of the figures in a folder, in the order of the report; ``declared``: they show the declared model alone."""
     found = []
-    for stem, caption in CAPTIONS.items():
+    for stem, caption in (DECLARED_CAPTIONS if declared else CAPTIONS).items():
         names = sorted((path.stem for path in folder.glob(f"{stem}*.png")), key=lambda name: (len(name), name))
         found += [(name, caption) for name in names]
     return found

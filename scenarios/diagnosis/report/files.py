@@ -14,6 +14,7 @@ import numpy as np
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
+from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
 from scenarios.diagnosis.report.figures import numbered
@@ -51,7 +52,7 @@ def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = Tru
 
 def pictured(tracing: Tracing) -> Pictured:
     """The part of a diagnosis that figures show, its runaway numbers bounded."""
-    d = tracing.diagnosis
+    d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
     claimed = tuple(claim.name for claim in d.effects if claim.claimed)
     return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))

@@ -7,10 +7,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.tracing.diagnosis import Claim, Verdict
+from ident.statistics.residuals import ResidualTest
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report import text
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
@@ -60,28 +62,39 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         notes=tracing.notes,
         recorded=record_rows(tracing.look),
         where=text.where_predicted(tracing),
-        errors=text.error_rows(d),
+        nothing_stands=nothing_stands(d),
+        errors=shown_rows(d, ("", *text.ERROR_HEADINGS), text.error_rows(d)),
+        error_headings=shown_columns(d, text.ERROR_HEADINGS)[1:],
         kinematics=_kinematics(tracing),
         replicated=[_replicated(claim) for claim in d.effects if claim.evidence is not None],
         replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
         weighed=weighed_rows(d),
-        headings=text.derivative_headings(d)[2:],
+        headings=shown_columns(d, text.derivative_headings(d))[1:],
+        derived_headings=shown_columns(d, text.DERIVED_HEADINGS)[1:],
         members=member_tables(d),
-        sigma_note=text.SIGMA_NOTE if d.inflation else "",
+        sigma_note=text.sigma_note(d),
         scatter=bool(d.scatter),
-        derivatives=text.derivative_rows(d.before, d.after, d.scatter),
-        derived=text.derivative_rows(*text.derived_of(d)),
+        derivatives=shown_rows(d, ("", *text.derivative_headings(d)), text.derivative_rows(d.before, d.after, d.scatter)),
+        derived=shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d)),
         moved_title=_capital(text.moved_title(d)),
-        figures=[_figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures) if stem != "replication"],
+        figures=[
+            _figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures, declared=nothing_stands(d)) if stem != "replication"
+        ],
         steps=[step.sentence for step in d.steps],
         candidates=candidate_rows(d, len(d.candidates)),
         guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),
-        tests=[(when, test) for when, tests in (("before", d.tests_before), ("after", d.tests_after)) for test in tests],
+        tests=[(when, test) for when, tests in _tests(d) for test in tests],
         inputs=[("fitted", file) for file in tracing.inputs.records]
         + [(text.kind_of_predicted(d), file) for file in tracing.inputs.validation]
         + [("vehicle", tracing.inputs.vehicle)]
         + [("effects", file) for file in tracing.inputs.effects],
     )
+
+
+def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
+    if nothing_stands(d):
+        return [(DECLARED, tuple(d.tests_before))]
+    return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
 
 
 def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:

@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
-from scenarios.terminal.quantities import DEGREES, value_text
+from scenarios.terminal.quantities import DEGREES, is_frequency, value_text
 
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
 LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
@@ -30,10 +31,10 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _titled(f"simulation error (rms) on {where_predicted(tracing)}", ("error", "unit", "before", "after", "noise floor"), error_rows(d), width),
-        _titled(moved_title(d), derivative_headings(d), derivative_rows(d.before, d.after, d.scatter), width, SIGMA_NOTE if d.inflation else ""),
-        *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), rows, width) for members, rows in member_tables(d)),
-        _titled("", ("derived", "unit", "before", "after", "moved by"), derivative_rows(*derived_of(d)), width),
+        _shown_of(d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *ERROR_HEADINGS), error_rows(d), width),
+        _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
+        *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
+        _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
         _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
@@ -42,6 +43,8 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
+ERROR_HEADINGS = ("unit", "before", "after", "noise floor")
+DERIVED_HEADINGS = ("unit", "before", "after", "moved by")
 WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
@@ -128,8 +131,8 @@ def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
 
 
 def derivative_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of ``derivative_rows``, with a column of the scatter where it is known."""
-    return ("derivative", "unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
+    """Headings of ``derivative_rows`` behind the name, with a column of the scatter where it is known."""
+    return ("unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
 
 
 def derivative_rows(
@@ -158,8 +161,30 @@ def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
     return before, after
 
 
+def derived_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    """Rows of what follows from the derivatives; a frequency in rad/s and once more in Hz."""
+    rows: list[tuple[str, ...]] = []
+    before, after = derived_of(d)
+    for name in (name for name in before if name in after):
+        rows += derivative_rows({name: before[name]}, {name: after[name]})
+        if is_frequency(name, before[name].unit):
+            rows += derivative_rows({name: _hertz(before[name])}, {name: _hertz(after[name])})
+    return rows
+
+
+def _hertz(q: Quantity) -> Quantity:
+    return Quantity(q.value / (2.0 * math.pi), q.std / (2.0 * math.pi), "Hz")
+
+
+def sigma_note(d: Diagnosis) -> str:
+    """That sigmas are widened, where they are; the scatter is that of fits with the effects, and nothing to say where none stands."""
+    return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
+
+
 def moved_title(d: Diagnosis) -> str:
     """Heading of the table of derivatives."""
+    if nothing_stands(d):
+        return "derivatives of the declared model: something is missing in it, they carry what it costs"
     any_moved = any(abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after)
     return "derivatives (* moved by more than two sigmas of both together)" if any_moved else "derivatives"
 
@@ -168,6 +193,11 @@ def moved(old: Quantity, new: Quantity) -> float:
     """The change in standard deviations of both together; zero where neither is known."""
     spread = math.hypot(old.std, new.std)
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
+
+
+def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence[Sequence[str]], width: int, note: str = "") -> list[str]:
+    """A table of the declared model and the one with the effects, or of the declared one alone where none stands."""
+    return _titled(title, shown_columns(d, headings), shown_rows(d, headings, cells), width, note)
 
 
 def _titled(
@@ -212,7 +242,7 @@ def _error_phrase(tracing: Tracing) -> str:
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
     factor, unit = _shown(fell)
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
-    change = f"{old} -> {new}" if old != new else new
+    change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
     tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
     return f"{LONG.get(fell, fell)} error {change} {unit} on {where_predicted(tracing)}{tail}"
 

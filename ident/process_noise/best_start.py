@@ -1,0 +1,117 @@
+"""Where a fit with process noise begins, and whether it ended at an honest maximum.
+
+The likelihood of a filter-error fit has no bound: with a sensor's noise gone to zero a filter may follow that sensor alone, at derivatives of any
+size and sigmas of next to nothing. From a start near the truth the honest maximum is found; which of the two was found has to be asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimate import Outcome
+from ident.process_noise.filter_error_fit import fit_with_process_noise, noise_start, third_differences
+from ident.process_noise.innovations_model import SCALE, ProcessNoise
+from ident.regression.equation_error import run_equation_error
+from ident.whole_record import best_start as without_process_noise
+from ident.whole_record.gauss_newton import Fit
+from ident.whole_record.layout import FitLayout, lay_out
+from sim.declaration.system import System
+from sim.errors import FlightidError
+
+AT_ITS_LIMIT = 2.0  # times the lowest (or one over that times the highest) value of a noise level: it has run there, or would with one step more
+ABSURD = 1e-3  # of the sigma that all samples together could give a parameter each of them shows fully: no record knows it better
+_STILL = 1e-4  # of log likelihood: a step that gains less is none
+# Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7; in still air the usual one does better.
+_LEAST_DAMPING = 1e-10
+Begun = tuple[FitLayout, Mapping[str, float] | None]
+
+
+def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
+    """The filter-error fit of a layout; None where no start has a finite cost.
+
+    ``calm`` is the same model without the effect that forces its states (None: the layout's own), of which equation error and output error
+    give further starts: where the motion grows at the declared values, and where the fit from them does not settle or is degenerate. The first
+    fit that settles at an honest maximum is returned, else the best by that order: honest, settled, likely.
+    """
+    tried: list[Fit] = []
+    plain = without_process_noise.quiet(layout)
+    for begun, levels in _starts(layout, calm or layout.system, plain=plain):
+        fit = fit_with_process_noise(begun, levels=levels)
+        if fit is None:
+            continue
+        tried.append(fit)
+        if fit.outcome is Outcome.CONVERGED and not degenerate(fit):
+            break
+    return min(tried, key=lambda fit: (degenerate(fit), fit.outcome is not Outcome.CONVERGED, fit.cost), default=None)
+
+
+def degenerate(fit: Fit) -> bool:
+    """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples."""
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
+    count = len(noise_model.estimated)
+    own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
+    low = np.maximum(noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)]))
+    return bool(np.any((own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])))
+
+
+def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
+    """Shared parameters whose sigma ``(s,)`` is smaller than any record of this length and noise can give.
+
+    A sample whose motion is r sigmas of its noise knows a factor on that motion to 1/r; all together to 1/sqrt(sum r^2). The noise is that which the
+    third differences of the measurements show, whatever the fit made of it.
+    """
+    layout = fit.layout
+    shown = third_differences([problem.z for problem in layout.problems], [problem.valid for problem in layout.problems])
+    told = 0.0
+    for i in np.flatnonzero(layout.used):
+        rows = np.concatenate([problem.z[i, problem.valid[i]] for problem in layout.problems])
+        told += float(np.sum((rows - np.mean(rows)) ** 2)) / max(float(shown[i]) ** 2, 1e-300)
+    least = ABSURD / np.sqrt(max(told, 1.0))
+    return [name for name, value, sigma in zip(layout.shared, fit.theta[: len(layout.shared)], std, strict=True) if sigma < least * abs(value)]
+
+
+def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
+    """Layouts and noise levels to begin with; of a motion that grows, derivatives are exact, and the declared values come last."""
+    if plain:
+        yield layout, None
+    if layout.prior is None:
+        records = [problem.record for problem in layout.problems]
+        for exact in (layout,) if plain else (_exactly(layout, _LEAST_DAMPING), _exactly(layout, layout.settings.least_damping)):
+            yield from _from_regression(exact, records, calm)
+            if not plain:
+                yield from _from_output_error(exact, records, calm)
+    if not plain:
+        yield layout, None
+
+
+def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
+    """The layout with exact derivatives, settled where its cost is: an initial state that grows by e^15 never stands still in its own sigmas."""
+    problems, settings = tuple(replace(problem, exact=True) for problem in layout.problems), layout.settings
+    return replace(layout, problems=problems, settings=replace(settings, enough=max(settings.enough, _STILL), least_damping=least_damping))
+
+
+def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iterator[Begun]:
+    try:
+        found = run_equation_error(records, calm)
+    except FlightidError:
+        return
+    if found.outcome is Outcome.CONVERGED and np.all(np.isfinite(found.values)) and np.all(found.noise_std > 0.0):
+        levels = dict(zip(found.output_names, found.noise_std.tolist(), strict=True))
+        yield _begun(layout, found.as_dict()), {**levels, SCALE: 1.0}
+
+
+def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> Iterator[Begun]:
+    masks = [problem.valid for problem in layout.problems]
+    fit = without_process_noise.fit_from_best_start(lay_out(records, calm, layout.settings, local=layout.local, masks=masks))
+    if fit is not None:
+        levels = dict(zip(calm.output_names, noise_start(fit).tolist(), strict=True))
+        yield _begun(layout, dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))), {**levels, SCALE: 1.0}
+
+
+def _begun(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
+    start = np.array([values.get(name, old) for name, old in zip(layout.names, layout.start.tolist(), strict=True)])
+    return replace(layout, start=np.clip(start, layout.low, layout.high))

@@ -1,0 +1,125 @@
+"""Where an output-error fit begins: at the declared values, or at those of equation error where the declared ones lead astray.
+
+Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one; output error goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from math import ceil
+
+import numpy as np
+
+from ident.estimate import Outcome
+from ident.regression.equation_error import run_equation_error
+from ident.whole_record.fit_problem import FitProblem
+from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
+from ident.whole_record.layout import FitLayout, FitSettings, lay_out
+from ident.whole_record.unstable_motion import GROWN, fastest, fit_unstable, growth
+from sim.declaration.system import System
+from sim.errors import FlightidError
+from sim.record import Record
+
+FOLLOWED = 10.0  # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps, cut in two they take 4
+PIECE = 8.0  # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by half
+FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
+RUNAWAY = 10.0  # rms of a residual, in those of the channel about its mean, from which a simulation has run away; one at rest leaves about 1
+
+
+def fit_from_best_start(layout: FitLayout) -> Fit | None:
+    """The output-error fit of a layout; None where no start has a finite cost.
+
+    From the declared values where their simulation stays with the record and settles. Otherwise from equation error as well, where the record has
+    all states and no prior speaks; the first fit that settles, else the one of least cost.
+    """
+    if not layout.shared or layout.prior is not None or (quiet(layout) and not runs_away(layout)):
+        first = fit_whole_records(FitProblem(layout))
+        if (first is not None and first.outcome is Outcome.CONVERGED) or not layout.shared or layout.prior is not None:
+            return first
+        return _better([first], from_regression(layout))
+    return _better([], from_regression(layout), iter([layout]))
+
+
+def in_pieces(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()) -> list[list[Record]]:
+    """Each record as what is fitted of it: itself, or pieces along which a motion that grows by itself can be followed.
+
+    Each piece has its own initial state and biases. Models whose input has a memory, and fits with priors, keep their records whole.
+    """
+    layout = lay_out(records, system, settings, local=local)
+    if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
+        return [[record] for record in records]
+    rate = fastest(next(from_regression(layout), layout))
+    return [_cut(record, rate * _duration(record)) for record in records]
+
+
+def put_together(parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]) -> tuple[np.ndarray, ...]:
+    """Rows ``(m, N)`` of pieces as those of the records that they were cut from."""
+    left = iter(parts)
+    return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
+
+
+def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
+    """A sentence where some record was cut, else nothing."""
+    count = sum(len(each) for each in pieces)
+    if count == len(pieces):
+        return ""
+    return f"the motion is unstable by itself: it is followed in {count} pieces, each with its own initial state and biases"
+
+
+def _cut(record: Record, grown: float) -> list[Record]:
+    """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than ``FEWEST`` samples."""
+    count = min(ceil(min(grown, 1e6) / PIECE), len(record) // FEWEST)
+    if grown <= FOLLOWED or count < 2:
+        return [record]
+    return [record.window(record.time[rows[0]], record.time[rows[-1]]) for rows in np.array_split(np.arange(len(record)), count)]
+
+
+def _duration(record: Record) -> float:
+    return float(record.time[-1] - record.time[0])
+
+
+def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
+    """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when None)."""
+    return growth(layout, theta) <= GROWN
+
+
+def runs_away(layout: FitLayout) -> bool:
+    """Whether the simulation at the start leaves a record by tenfold its own motion, or the range of finite numbers."""
+    fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
+    if fit is None:
+        return True
+    for i in np.flatnonzero(layout.used):
+        known = [problem.valid[i] for problem in layout.problems]
+        rows = [problem.z[i, valid] for problem, valid in zip(layout.problems, known, strict=True)]
+        motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
+        error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(known)])
+        error = error - np.mean(error)  # a level apart is a bias, which the fit takes off at once
+        if np.sqrt(np.mean(error**2)) > RUNAWAY * np.sqrt(np.mean(motion**2)) > 0.0:
+            return True
+    return False
+
+
+def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
+    """The layout started at the values of equation error; nothing where a record does not give its states or they did not settle."""
+    try:
+        found = run_equation_error([problem.record for problem in layout.problems], layout.system)
+    except FlightidError:
+        return
+    if found.outcome is not Outcome.CONVERGED or found.names != layout.shared or not np.all(np.isfinite(found.values)):
+        return
+    n, start = len(layout.shared), layout.start.copy()
+    start[:n] = np.clip(found.values, layout.low[:n], layout.high[:n])
+    yield replace(layout, start=start)
+
+
+def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
+    """The first fit from the starts that settles, else the best of all; of those that are ``found`` already none has."""
+    fits = list(found)
+    for begun in (each for some in starts for each in some):
+        fit = fit_whole_records(FitProblem(begun)) if quiet(begun) else fit_unstable(begun)
+        if fit is not None and fit.outcome is Outcome.CONVERGED and all(fit.cost <= other.cost for other in fits if other is not None):
+            return fit
+        fits.append(fit)
+    known = [fit for fit in fits if fit is not None]
+    return min(known, key=lambda fit: fit.cost, default=None)

@@ -1,0 +1,189 @@
+"""Whole-record fits of a motion that grows by itself: an aircraft that only its flight control system holds.
+
+Of a mode that grows by e^15 along a record, every derivative and the initial state move the end of the trajectory by millions of times what the
+middle feels, nearly all of it alike. Levenberg-Marquardt in all unknowns then creeps along a bent valley. Here what belongs to one record
+(initial state, biases) is projected out of the sensitivities of the shared parameters (variable projection: Golub and Pereyra 1973;
+Kaufman 1975), damping acts on what is left, and it is solved for again after every step. The record is met in growing parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import Outcome
+from ident.statistics.coloured_covariance import corrected_covariance
+from ident.statistics.information import inverse_information
+from ident.statistics.normal_equations import LocalModel, local_model, unresolved
+from ident.whole_record.fit_problem import FitProblem
+from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
+from ident.whole_record.layout import FitLayout
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
+
+GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no trouble
+_FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
+_ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
+_STEEPEST = 1e8  # damping from which no descent is left
+
+
+def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
+    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where none grows, infinite where they overflow."""
+    theta = layout.start if theta is None else theta
+    system, most = layout.system, 0.0
+    for r in range(len(layout.problems)):
+        p, x0 = layout.split(theta, r)
+        with np.errstate(all="ignore"):
+            slopes = complex_step_jacobian(partial(_rates_at_rest, system, p.tolist()), x0.tolist())
+        if not np.all(np.isfinite(slopes)):
+            return np.inf
+        most = max(most, float(np.max(np.linalg.eigvals(slopes).real, initial=0.0)))
+    return most
+
+
+def _rates_at_rest(system: System, p: list[float], x: list[Any]) -> Sequence[Any]:
+    return system.f(0.0, x, [0.0] * len(system.inputs), p)
+
+
+def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
+    """E-foldings of the fastest mode along the longest record, at ``theta`` (the start when None)."""
+    return fastest(layout, theta) * max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
+
+
+def fit_unstable(layout: FitLayout) -> Fit | None:
+    """Minimise the cost of output error from ``layout.start`` by parts of the records that grow to the whole; None where no cost was finite.
+
+    Outcomes as of ``fit_whole_records``. No priors, and at least one shared parameter.
+    """
+    exact = replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
+    found, spent, left = None, 0, layout.settings.iterations
+    for part in _parts(exact):
+        found = _fit_part(replace(part, start=exact.start if found is None else found.theta), left)
+        if found is None:
+            return None
+        spent += found.iterations
+        left = max(layout.settings.iterations - spent, 1)
+    return None if found is None else replace(found, iterations=spent)
+
+
+def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
+    """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for colour as the settings say; all determined?
+
+    The same as the block of ``fit_covariance``, but not squared before it is projected, which a motion that grows would not survive.
+    """
+    n, left = len(fit.layout.shared), _projected(fit)
+    inverse, determined = inverse_information(left.information, fit.theta[:n])
+    if not fit.layout.settings.coloured:
+        return inverse, determined
+    sigma = np.sqrt(fit.variance)[:, None, None]
+    parts = [
+        (np.arange(n), sigma * jacobian, residual, problem.valid)
+        for jacobian, residual, problem in zip(left.jacobians, fit.residuals, fit.layout.problems, strict=True)
+    ]
+    return corrected_covariance(inverse, parts, fit.variance), determined
+
+
+@dataclass(frozen=True, eq=False)
+class _Projected:
+    """Shared sensitivities of each record less what its own unknowns can imitate, in sigmas of the outputs.
+
+    ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record: orthonormal columns ``(mN, o)`` and
+    what leads back to its unknowns ``(o, mN)``.
+    """
+
+    jacobians: tuple[np.ndarray, ...]
+    information: np.ndarray
+    gradient: np.ndarray
+    back: tuple[np.ndarray, ...]
+
+    def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
+        """Step of all unknowns ``(n,)`` where the shared ones take a given one ``(s,)`` and each record's own follow."""
+        step, n = np.zeros(len(fit.theta)), len(shared)
+        step[:n] = shared
+        for r, back in enumerate(self.back):
+            J, residual = _weighted(fit, r)
+            step[fit.layout.columns(r)[n:]] = back @ (residual - J[:, :n] @ shared)
+        return step
+
+
+def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output, zero where a sample is missing."""
+    weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
+    jacobian = fit.jacobians[r] * weight[:, :, None]
+    return jacobian.reshape(-1, jacobian.shape[2]), (fit.residuals[r] * weight).ravel()
+
+
+def _projected(fit: Fit) -> _Projected:
+    n = len(fit.layout.shared)
+    information, gradient, jacobians, back = np.zeros((n, n)), np.zeros(n), [], []
+    for r in range(len(fit.layout.problems)):
+        J, residual = _weighted(fit, r)
+        size = np.linalg.norm(J[:, n:], axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        left, values, right = np.linalg.svd(J[:, n:] / size, full_matrices=False)
+        told = values > 1e-13 * max(float(np.max(values, initial=0.0)), 1e-300)
+        basis = left[:, told]
+        rest = J[:, :n]
+        for _ in range(2):  # once is not enough where the sensitivities are nearly alike
+            rest = rest - basis @ (basis.T @ rest)
+        information += rest.T @ rest
+        gradient += rest.T @ residual
+        jacobians.append(rest.reshape(*fit.residuals[r].shape, n))
+        back.append((right[told].T / values[told] @ basis.T) / size[:, None])
+    return _Projected(tuple(jacobians), information, gradient, tuple(back))
+
+
+def _parts(layout: FitLayout) -> Iterator[FitLayout]:
+    """Layouts that see the records' beginnings, each twice as long as the one before, then the whole."""
+    length = max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
+    span, rough = _FIRST * length / max(growth(layout), _FIRST), replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
+    while span < length:
+        problems = tuple(replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span)) for each in layout.problems)
+        if all(np.all(each.valid.any(axis=1) == whole.valid.any(axis=1)) for each, whole in zip(problems, layout.problems, strict=True)):
+            yield replace(layout, settings=rough, problems=problems)
+        span *= 2.0
+    yield layout
+
+
+def _fit_part(layout: FitLayout, limit: int) -> Fit | None:
+    """Levenberg-Marquardt in the shared parameters, each record's own solved for after every step; at most ``limit`` steps."""
+    problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
+    begun = evaluate(problem, layout.start, layout.guesses(layout.start))
+    if begun is None:
+        return None
+    fit = _settled(begun, _projected(begun))
+    left, damping, done, outcome = _projected(fit), 1e-4, 0, Outcome.MAX_ITERATIONS
+    model = _model(fit, left)
+    while done < limit and not arrived(model, fit.theta[:n], settings):
+        done += 1
+        step = left.own_steps(fit, model.scale * model.step(damping))
+        theta = np.clip(fit.theta + step, layout.low, layout.high)
+        trial = evaluate(problem, theta, carried(fit, theta))
+        trial = None if trial is None else _settled(trial, _projected(trial))
+        if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+            fit, damping = trial, max(damping / 10.0, 1e-12)
+            left = _projected(fit)
+            model = _model(fit, left)
+        elif damping > _STEEPEST:
+            break
+        else:
+            damping *= 10.0
+    outcome = Outcome.CONVERGED if arrived(model, fit.theta[:n], settings) else Outcome.MAX_ITERATIONS
+    return replace(joined_up(fit), outcome=outcome, iterations=done)
+
+
+def _model(fit: Fit, left: _Projected) -> LocalModel:
+    n = len(fit.layout.shared)
+    return local_model(left.information, left.gradient, fit.theta[:n], fit.layout.low[:n], fit.layout.high[:n])
+
+
+def _settled(fit: Fit, left: _Projected) -> Fit:
+    """The same shared parameters with the own unknowns of each record at their best, where that lowers the cost."""
+    step = left.own_steps(fit, np.zeros(len(fit.layout.shared)))
+    theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
+    moved = evaluate(fit.problem, theta, carried(fit, theta))
+    return moved if moved is not None and moved.cost < fit.cost else fit
