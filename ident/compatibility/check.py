@@ -15,6 +15,7 @@ from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.time_reference import clocks, reference_sentence
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
@@ -72,11 +73,13 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
     joint = _result(found, bias_estimates(whole) if not together else ())
     single = [_by_itself(base, found, settings, len(bases)) for base in bases] if together else [joint]
     if found.early is not None:
-        ahead = -1000.0 * found.early.size
+        ahead = -1000.0 * found.early
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that nothing more stands"
         )
+    if counted := reference_sentence(found.found.faults, clocks(signals)):
+        notes.append(counted)
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
     return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
 

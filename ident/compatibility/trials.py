@@ -12,6 +12,7 @@ from ident.compatibility.estimates import difference_in_sigmas, output_error, sm
 from ident.compatibility.faults import BIAS, SensorFault
 from ident.compatibility.first_order import one_step
 from ident.compatibility.fitting import Fit, fit, least_misfit
+from ident.compatibility.instruments import instrumented
 from ident.compatibility.result import Quantity, SensorEstimate
 from ident.compatibility.unknowns import unknowns_of
 
@@ -52,14 +53,9 @@ def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
     # A likelihood counts what a gust explains too: with controls recorded only their part of the residual counts.
-    before, after = (least_misfit(base, found.noise), least_misfit(found, found.noise)) if instrumented(base) else (base.cost, found.cost)
+    before, after = (least_misfit(base, found.noise), least_misfit(found, found.noise)) if instrumented(base.signals) else (base.cost, found.cost)
     gain = max(before - after, 0.0) / widening
     return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
-
-
-def instrumented(base: Fit) -> bool:
-    """Whether every record has controls that tell a gust from a fault."""
-    return all(s.instruments.shape[1] for s in base.signals)
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:
