@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of
@@ -15,7 +16,6 @@ from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
-from ident.compatibility.time_reference import clocks, reference_sentence
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record

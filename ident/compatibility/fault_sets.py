@@ -1,23 +1,27 @@
-"""Sets of sensor faults fitted jointly: which are sound, how they compare, and which one the records ask for."""
+"""Sets of sensor faults fitted jointly: which are sound, how they compare, which one the records ask for, and what their times count from.
+
+The kinematics see differences of times only, so that one channel has to stand for the time of all.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.compatibility.estimates import smoother_sigmas
 from ident.compatibility.faults import DELAY, LAG, SensorFault
-from ident.compatibility.first_order import one_step
 from ident.compatibility.fitting import Fit, fit, least_misfit
 from ident.compatibility.instruments import instrumented
-from ident.compatibility.time_reference import clocks, leaves_a_reference
+from ident.compatibility.signals import Signals
+from ident.compatibility.trials import one_step
 
 _BREADTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
-_TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
+TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
 _WORTH = 2.5  # first-order gain from which a fault is fitted in full
+_TIMED = ("alpha", "q", "nz", "theta")  # what the relations tie within a fraction of a second; speed changes too slowly to be a clock
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     misfit = misfits([each.found for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
-    score = [value / widening + charge * len(each.faults) + _TIE * each.early for each, value in zip(sets, misfit.tolist(), strict=True)]
+    score = [value / widening + charge * len(each.faults) + TIE * each.early for each, value in zip(sets, misfit.tolist(), strict=True)]
     return sets[int(np.argmin(score))]
 
 
@@ -155,3 +159,37 @@ def _early(found: Fit, faults: Sequence[SensorFault], given: int) -> list[FaultS
     ahead = [fault for fault in faults if fault.channel == "nz" and fault.kind in (DELAY, LAG) and fault not in found.faults]
     sets = [fault_set(fit(found.signals, (*found.faults, fault), found), given, early=True) for fault in ahead]
     return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
+
+
+def clocks(signals: Sequence[Signals]) -> tuple[str, ...]:
+    """Channels of which one at least has to be on time.
+
+    Where no control is recorded the load is none of them: a gust moves it before the path, and alpha and q then seem late by as much.
+    """
+    return tuple(name for name in _TIMED if name in signals[0].channels and (name != "nz" or instrumented(signals)))
+
+
+def late_channels(faults: Iterable[SensorFault]) -> set[str]:
+    """Channels that these faults make late."""
+    return {fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED}
+
+
+def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
+    """Whether one of the clocks ``timed`` is on time beside these faults: with all of them late, only differences of times are there to be fitted.
+
+    Nothing is recorded before it happens, so that what remains is the channel that is least late.
+    """
+    return not timed or not set(timed) <= late_channels(faults)
+
+
+def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
+    """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel is late."""
+    late = late_channels(faults)
+    on_time = [name for name in timed if name not in late]
+    if not late or not on_time:
+        return ""
+    if len(on_time) == 1:
+        first = f"times count from {on_time[0]}, the channel that is least late"
+    else:
+        first = f"times count from {', '.join(on_time[:-1])} and {on_time[-1]}, which agree"
+    return f"{first}: what all channels are late by against the inputs, kinematics cannot see"

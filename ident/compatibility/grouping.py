@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.compatibility.fault_sets import FaultSet, fault_set, misfits
+from ident.compatibility.fault_sets import TIE, FaultSet, clocks, fault_set, leaves_a_reference, misfits
 from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
 from ident.compatibility.fitting import Fit, fit
-from ident.compatibility.time_reference import clocks, leaves_a_reference
 from ident.compatibility.trials import Trial, tried
 
 
@@ -51,7 +50,8 @@ def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault]) -> tuple
         chosen = list(found.found.faults)
         chosen[found.given + i] = slot.trials[0].fault
         changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
-        if not changed.sound or misfits([found.found, changed.found]).argmin() == 0:
+        before, after = misfits([found.found, changed.found]).tolist()
+        if not changed.sound or after > before + TIE:
             break
         found = changed
     return found, [_led_by(slot, fault) for slot, fault in zip(slots, found.faults, strict=True)]
@@ -70,6 +70,7 @@ def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[Senso
     misfit = misfits([others, found.found, *(t.found for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]
+    here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
     sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
     order = sorted(range(len(trials)), key=lambda i: (not sound[i], here[i]))
     gains = (misfit[0] - np.array(here)) / found.widening

@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ident.compatibility.fault_sets import FaultSet, charge_of, chosen, fault_set, grow, needed
+from ident.compatibility.fault_sets import FaultSet, charge_of, chosen, clocks, fault_set, grow, leaves_a_reference, needed
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.grouping import Slot, chance_of, same_lateness, slots_of
 from ident.compatibility.result import CompatibilitySettings, SensorFinding
-from ident.compatibility.time_reference import clocks, leaves_a_reference
 from ident.compatibility.trials import Trial, replicates, tried
 
 
@@ -50,9 +49,7 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
     return _searched(faults, groups, slots, singles, refused, best.found, early)
 
 
-def _selected(
-    base: Fit, singles: Sequence[Fit], faults: Sequence[SensorFault], charge: float, most: int
-) -> tuple[FaultSet, float | None]:
+def _selected(base: Fit, singles: Sequence[Fit], faults: Sequence[SensorFault], charge: float, most: int) -> tuple[FaultSet, float | None]:
     """The best set, each of whose faults is needed; and by how much a load would be early where that belongs to what is best."""
     best = chosen(grow(base, singles, faults, charge, most), charge)
     early = float(best.found.sizes[-1]) if best.early else None
