@@ -1,4 +1,5 @@
-"""One fault tried beside others: its fit, gain and variance, its estimate by both methods, and whether the records by themselves agree on it."""
+"""One fault tried beside others, to first order or in full: its fit, gain and variance, its estimate by both methods, and whether the records by
+themselves agree on it."""
 
 from __future__ import annotations
 
