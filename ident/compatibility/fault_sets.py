@@ -14,7 +14,7 @@ import numpy as np
 from ident.compatibility.estimates import smoother_sigmas
 from ident.compatibility.faults import DELAY, LAG, SensorFault
 from ident.compatibility.fitting import Fit, fit, least_misfit
-from ident.compatibility.instruments import instrumented
+from ident.compatibility.instruments import instrumented, weigher
 from ident.compatibility.signals import Signals
 from ident.compatibility.trials import one_step
 
@@ -74,7 +74,8 @@ def misfits(fits: Sequence[Fit]) -> np.ndarray:
     if not instrumented(fits[0].signals):
         return np.array([each.cost for each in fits])
     noise = min(fits, key=lambda each: each.cost).noise
-    return np.array([least_misfit(each, noise) for each in fits])
+    whiteners = [weigher(s, noise) for s in fits[0].signals]
+    return np.array([least_misfit(each, whiteners) for each in fits])
 
 
 def grow(base: Fit, singles: Sequence[Fit], faults: Sequence[SensorFault], charge: float, most: int) -> list[FaultSet]:
@@ -179,7 +180,9 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
-    return not timed or not set(timed) <= late_channels(faults)
+    # An accelerometer ahead is a lag of q.
+    late = late_channels(faults) | {"q" for fault in faults if fault.rare}
+    return not timed or not set(timed) <= late
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:

@@ -54,7 +54,10 @@ def _trial(base: Fit, fault: SensorFault, found: Fit) -> Trial:
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
     # A likelihood counts what a gust explains too: with controls recorded only their part of the residual counts.
-    before, after = (least_misfit(base, found.noise), least_misfit(found, found.noise)) if instrumented(base.signals) else (base.cost, found.cost)
+    before, after = base.cost, found.cost
+    if instrumented(base.signals):
+        whiteners = [weigher(s, found.noise) for s in found.signals]
+        before, after = least_misfit(base, whiteners), least_misfit(found, whiteners)
     gain = max(before - after, 0.0) / widening
     return Trial(fault, found, float(found.sizes[-1]), white, white * widening, gain, p_value(gain, found.sizes[-1], fault))
 

@@ -128,6 +128,7 @@ def test_not_all_clocks_can_be_late() -> None:
     timed = ("alpha", "q", "nz")
     assert leaves_a_reference((ALPHA, Q), timed) and not leaves_a_reference((ALPHA, Q, NZ), timed)
     assert leaves_a_reference((ALPHA, Q, NZ), (*timed, "theta")) and leaves_a_reference((ALPHA, SensorFault("alpha", LAG)), timed)
+    assert not leaves_a_reference((ALPHA, SensorFault("nz", ARM)), ("alpha", "q"))
     assert "alpha and nz, which agree" in reference_sentence((Q,), timed)
     assert reference_sentence((SensorFault("q", SCALE),), timed) == ""
 
