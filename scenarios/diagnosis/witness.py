@@ -71,10 +71,7 @@ def kinematic_evidence(kinematics: Kinematics, effect: str, parameters: Mapping[
     spread = math.hypot(own.std, mine.std, 0.5 * worth_of(own))
     apart = 0.5 * ((own.value - mine.value) / spread) ** 2
     lost = own.lost if own.lost is not None else math.inf
-    replaced = not own.stands and any(
-        f.stands and f.channel == own.channel and {f.kind, own.kind} <= {"delay", "lag", "arm"} for f in result.findings
-    )
-    said = -lost - apart if replaced else max(own.gain - apart, -lost)
+    said = -lost - apart if late_instead(own, result) is not None else max(own.gain - apart, -lost)
     return said if math.isfinite(said) else 0.0
 
 
