@@ -59,7 +59,7 @@ def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault]) -> tuple
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
     """Whether both make the same channel late, in different ways."""
-    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM}
+    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
 
 
 def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault]) -> Slot:

@@ -27,7 +27,6 @@ MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
 AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = "agrees", "agrees in kind", "differs in size", "contradicts", "says nothing"
-_LATE = {"delay", "lag", "arm"}
 _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
 
@@ -193,9 +192,13 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
 
 def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
     """What stands in the place of a finding that does not: another way for the same channel to be late."""
-    if own.stands or own.kind not in _LATE:
+    if own.stands or not _late(own):
         return None
-    return next((f for f in result.findings if f.stands and f.channel == own.channel and f.kind in _LATE), None)
+    return next((f for f in result.findings if f.stands and f.channel == own.channel and _late(f)), None)
+
+
+def _late(finding: SensorFinding) -> bool:
+    return finding.kind in _TIMES or finding.name == "vane-offset"
 
 
 def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
