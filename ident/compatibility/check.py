@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of
@@ -72,11 +73,13 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
     joint = _result(found, bias_estimates(whole) if not together else ())
     single = [_by_itself(base, found, settings, len(bases)) for base in bases] if together else [joint]
     if found.early is not None:
-        ahead = -1000.0 * found.early.size
+        ahead = -1000.0 * found.early
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that nothing more stands"
         )
+    if counted := reference_sentence(found.found.faults, clocks(signals)):
+        notes.append(counted)
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
     return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
 

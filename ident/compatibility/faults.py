@@ -15,7 +15,7 @@ class SensorFault:
     """One way in which one channel is wrong; its ``size`` is zero where the sensor is right.
 
     bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag: s, the reading is late.
-    drift: channel's unit/s from the record's begin. arm: m, the vane ahead of the centre of gravity.
+    drift: channel's unit/s from the record's begin. arm: m, the vane (alpha) or the accelerometer (nz) ahead of the centre of gravity.
     """
 
     channel: str
@@ -25,7 +25,7 @@ class SensorFault:
     def name(self) -> str:
         """The effect's name; ``bias:CH`` for a bias, which is no effect."""
         if self.kind == ARM:
-            return "vane-offset"
+            return "vane-offset" if self.channel == "alpha" else f"accelerometer-offset:{self.channel}"
         return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
 
     @property
@@ -53,8 +53,13 @@ class SensorFault:
 
     @property
     def one_sided(self) -> bool:
-        """Whether only a positive size can be: nothing is recorded before it happens."""
-        return self.kind in (DELAY, LAG, ARM)
+        """Whether only a positive size can be: nothing is recorded before it happens, and no vane stands behind."""
+        return self.kind in (DELAY, LAG) or (self.kind, self.channel) == (ARM, "alpha")
+
+    @property
+    def rare(self) -> bool:
+        """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q, one behind an arm of the vane."""
+        return (self.kind, self.channel) == (ARM, "nz")
 
     @property
     def offset(self) -> float:
@@ -66,4 +71,6 @@ def faults_of(channels: Sequence[str], *, drifts: bool, biases: bool = False) ->
     """All faults of these channels, in their order."""
     kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
     out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
-    return (*out, SensorFault("alpha", ARM)) if "alpha" in channels and "q" in channels else tuple(out)
+    if {"alpha", "q"} <= set(channels):
+        out += [SensorFault(channel, ARM) for channel in ("alpha", "nz") if channel in channels]
+    return tuple(out)

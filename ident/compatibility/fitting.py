@@ -124,10 +124,12 @@ def whitened(found: Fit) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
-def least_misfit(found: Fit, noise: NoiseModel) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order."""
+def least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
+    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order.
+
+    ``whiteners`` of that noise, one a record (``ident.compatibility.instruments.weigher``).
+    """
     lines = list(zip(found.outputs, found.jacobians, strict=True))
-    whiteners = [weigher(s, noise) for s in found.signals]
     priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
     information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
     here = _misfit(found.signals, priors, found.own, found.outputs, whiteners)

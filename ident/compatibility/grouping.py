@@ -1,54 +1,85 @@
-"""Faults that the records do not tell apart."""
+"""Faults that the records do not tell from one that stands: those that gain as much within chance, in its place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.compatibility.fault_sets import TIE, FaultSet, clocks, fault_set, leaves_a_reference, misfits
 from ident.compatibility.faults import ARM, DELAY, LAG, SensorFault
-from ident.compatibility.fitting import Fit, positions
-from ident.compatibility.instruments import weigher
-from ident.compatibility.trials import Trial
-from ident.compatibility.unknowns import evaluate, unknowns_of
-from ident.statistics.information import bounded_inverse
-
-_NEAR = 6.0  # of log likelihood: a fault that gains as much as another within this is not told from it
-_RIVAL = 0.5  # share of the best gain below which a collinear fault is ruled out all the same
+from ident.compatibility.fitting import Fit, fit
+from ident.compatibility.trials import Trial, tried
 
 
-def grouped(current: Fit, best: Trial, trials: Sequence[Trial], collinear: float) -> list[Trial]:
-    """The best fault and those that explain nearly the same change of the reconstruction, or gain nearly as much."""
-    rivals = [t for t in trials if t is not best and t.gain > 0 and not (t.fault.one_sided and t.size <= 0) and t.told]
-    changes = {t.fault: _change(current, best, t) for t in (best, *rivals)}
-    out = [best]
-    for t in sorted(rivals, key=lambda t: -t.gain):
-        cosine = abs(float(changes[t.fault] @ changes[best.fault]))
-        alike = cosine >= collinear or same_lateness(t.fault, best.fault)
-        if (alike and t.gain >= _RIVAL * best.gain) or t.gain >= best.gain - _NEAR:
-            out.append(t)
-    return out
+@dataclass(frozen=True, eq=False)
+class Slot:
+    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses (k,)`` of log likelihood against the best."""
+
+    others: Fit
+    trials: tuple[Trial, ...]
+    losses: np.ndarray
+
+    def within(self, chance: float) -> list[Trial]:
+        """The best and those that are not told from it: sound faults that lose no more than ``chance``."""
+        pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
+        return [self.trials[0], *(t for t, lost in pairs[1:] if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided))]
 
 
-def _change(current: Fit, best: Trial, trial: Trial) -> np.ndarray:
-    """What a fault of its fitted size changes, as independent samples under the best fit's noise, less what the other unknowns can do."""
-    parts, columns = [], []
-    at = positions(current)
-    for r, s in enumerate(current.signals):
-        sizes = np.append(current.sizes, trial.size)[None]
-        after = evaluate(s, unknowns_of(s), (*current.faults, trial.fault), current.own[r][None], sizes)[:, 0]
-        before = evaluate(s, unknowns_of(s), current.faults, current.own[r][None], current.sizes[None])[:, 0]
-        change = np.where(s.valid, after - before, 0.0)[:, :, None]
-        white = weigher(s, best.found.noise)(np.concatenate([change, np.where(s.valid[:, :, None], current.jacobians[r], 0.0)], axis=2))
-        wide = np.zeros((white.shape[0] * white.shape[1], int(at[-1].max()) + 1 if len(at[-1]) else 0))
-        wide[:, at[r]] = white[:, :, 1:].reshape(len(wide), -1)
-        parts.append(white[:, :, 0].ravel())
-        columns.append(wide)
-    y, J = np.concatenate(parts), np.concatenate(columns)
-    y = y - J @ (bounded_inverse(J.T @ J) @ (J.T @ y))
-    size = float(np.linalg.norm(y))
-    return y / size if size > 0 else y
+def chance_of(false_alarm: float, count: int) -> float:
+    """Log likelihood by which the true one of ``count`` faults loses to another in no more than ``false_alarm`` of cases.
+
+    Where one of two faults is true and the traces are a distance d apart, in standard deviations, the other's advantage is normal with mean
+    -d^2/2 and variance d^2. It exceeds x with the greatest chance at d = sqrt(2 x): the tail of the normal distribution beyond sqrt(2 x),
+    however alike the two are. So 2 x is the square of the quantile, shared among the rivals.
+    """
+    from scipy.special import ndtri
+
+    return 0.5 * float(ndtri(false_alarm / max(count, 2))) ** 2
+
+
+def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault]) -> tuple[FaultSet, list[Slot]]:
+    """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again."""
+    for _ in range(3):
+        slots = [_slot(base, found, fault, faults) for fault in found.faults]
+        better = [(i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]]
+        if not better:
+            break
+        i, slot = max(better, key=lambda pair: pair[1].losses[[t.fault for t in pair[1].trials].index(found.faults[pair[0]])])
+        chosen = list(found.found.faults)
+        chosen[found.given + i] = slot.trials[0].fault
+        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
+        before, after = misfits([found.found, changed.found]).tolist()
+        if not changed.sound or after > before + TIE:
+            break
+        found = changed
+    return found, [_led_by(slot, fault) for slot, fault in zip(slots, found.faults, strict=True)]
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM}
+    """Whether both make the same channel late, in different ways."""
+    return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
+
+
+def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault]) -> Slot:
+    rest = [other for other in found.found.faults if other is not fault]
+    others = fit(base.signals, rest, base)
+    free = [each for each in faults if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))]
+    trials = tried(others, free)
+    misfit = misfits([others, found.found, *(t.found for t in trials)])
+    # The fault that stands has been fitted as long as any: its fit in the set serves.
+    here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]
+    here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
+    sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
+    order = sorted(range(len(trials)), key=lambda i: (not sound[i], here[i]))
+    gains = (misfit[0] - np.array(here)) / found.widening
+    led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
+    return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
+
+
+def _led_by(slot: Slot, fault: SensorFault) -> Slot:
+    """The slot with a fault in front."""
+    at = [t.fault for t in slot.trials].index(fault) if fault in [t.fault for t in slot.trials] else 0
+    order = [at, *(i for i in range(len(slot.trials)) if i != at)]
+    return Slot(slot.others, tuple(slot.trials[i] for i in order), slot.losses[order] - slot.losses[at])

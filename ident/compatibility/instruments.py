@@ -7,7 +7,7 @@ after projection on them is unbiased, whatever the aircraft's response is (two-s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -40,6 +40,11 @@ def instruments_of(record: Record) -> np.ndarray:
         columns += [newer - older for newer, older in pairwise(past)]
         columns += [once, _integral(once, t)]
     return np.array([column / max(float(np.abs(column).max()), 1e-300) for column in columns]).T
+
+
+def instrumented(signals: Sequence[Signals]) -> bool:
+    """Whether every record has controls that tell a gust from a fault."""
+    return all(s.instruments.shape[1] for s in signals)
 
 
 def weigher(s: Signals, noise: NoiseModel) -> Weigher:

@@ -36,6 +36,9 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
         speed = (speed - value("airspeed", BIAS)) / (1.0 + value("airspeed", SCALE))
     over_speed = 1.0 / _middle(speed)
     inputs = {name: _increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels}
+    if "nz" in inputs and np.any(value("nz", ARM)):
+        # An accelerometer ahead feels the pitch acceleration too: nz + (arm/g0) q_dot.
+        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(_samples(s, "q", value))
     states: dict[str, np.ndarray] = {}
     if "theta" in s.outputs or "theta" in s.channels:
         states["theta"] = value("start", "theta") + _sum(inputs["q"])

@@ -17,14 +17,13 @@ class CompatibilitySettings:
     ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there. ``gravity`` in m/s2; ``vane_arm`` (m)
     that is known, a finding comes on top of it.
     ``false_alarm``: share of clean sets of records in which anything stands, over all faults together.
-    ``collinear``: projected cosine from which two faults are one group. ``most``: faults that may stand together.
+    ``most``: faults that may stand together.
     """
 
     airspeed: float | None = None
     gravity: float = G0
     vane_arm: float = 0.0
     false_alarm: float = 0.01
-    collinear: float = 0.95
     most: int = 3
 
 
@@ -68,7 +67,8 @@ class SensorFinding:
 
     ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's own parameter: a scale is a factor.
     ``gain`` of the log likelihood. ``stands``: the fault, or one of its ``group`` (names), is needed. ``replicates``: the records by
-    themselves agree; always so for one record.
+    themselves agree; always so for one record. ``lost``: log likelihood lost with it in the place of the nearest that stands, zero for the
+    best of a group; None where nothing stands, or where it has been refused.
     """
 
     channel: str
@@ -81,6 +81,7 @@ class SensorFinding:
     group: tuple[str, ...]
     name: str = ""
     replicates: bool = True
+    lost: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,6 @@ from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
 from sim.record import Record
 
-
 WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES)  # of a set that leaves noise and may not be claimed
 
 

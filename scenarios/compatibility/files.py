@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,7 @@ def _finding(item: SensorFinding) -> dict[str, Any]:
         "stands": item.stands,
         "group": list(item.group),
         "replicates": item.replicates,
+        **({"lost": item.lost} if item.lost is not None and math.isfinite(item.lost) else {}),
     }
 
 

@@ -67,7 +67,8 @@ def sentence(finding: SensorFinding) -> str:
     """One finding with its alternatives."""
     value = f"{number(finding.value, finding.std)} +- {number(finding.std, finding.std)}"
     if finding.kind == "arm":
-        what = f"the vane is {value} m ahead of the centre of gravity"
+        sensor = "vane" if finding.channel == "alpha" else "accelerometer"
+        what = f"the {sensor} is {value} m ahead of the centre of gravity"
     else:
         unit = f" {finding.unit}" if finding.kind == "drift" else ""
         what = WORDS[finding.kind].format(finding.channel, value + unit)

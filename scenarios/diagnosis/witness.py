@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from ident.compatibility.result import Compatibility
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, Kinematics, agreements
+from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, Kinematics, agreements, late_instead, worth_of
 
-_WORTH: Mapping[str, int] = {AGREES: 1, DIFFERS: 1, CONTRADICTS: -1}
+_WORTH: Mapping[str, int] = {AGREES: 1, IN_KIND: 1, DIFFERS: 1, CONTRADICTS: -1}
+
+# What the relation alpha_dot = q - (g/V) nz cannot tell from another effect, and the channels that do tell them apart.
+EXACT_TWINS: Mapping[str, tuple[str, frozenset[str]]] = {
+    "sensor-scale:alpha": ("time-base", frozenset({"theta"})),  # a slow clock divides alpha_dot, and with it theta_dot
+    "sensor-scale:q": ("time-base", frozenset({"theta", "airspeed"})),  # as a scale of q and nz, and nz has that of an airspeed that is wrong
+    "sensor-scale:nz": ("sensor-coupling:q", frozenset({"theta"})),  # a gyro that feels k nz: as (g/V + k) nz
+    "vane-offset": ("accelerometer-offset:nz", frozenset()),  # (g/V) (arm/g) q_dot, integrated: (arm/V) q
+    "accelerometer-offset:nz": ("vane-offset", frozenset()),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicWitness:
     """Says of an effect whether the kinematics alone speak for it (1), against it (-1), or not at all (0).
 
-    ``check`` makes the check; None where there is none to make. A fault that stands there with another value is there all the same.
+    ``check`` makes the check; None where there is none to make. A fault that stands there with another value is there all the same. Of a fault
+    that is word for word another effect to the kinematics (``twin_of``), alone or with its group, they say nothing.
     """
 
     check: Callable[[], Kinematics] | None
@@ -26,7 +38,53 @@ class KinematicWitness:
         return self.check() if self.check is not None else None
 
     def __call__(self, effect: str, parameters: Mapping[str, Quantity]) -> int:
-        if self.kinematics is None:
+        if self.kinematics is None or self.kinematics.result is None or shares_a_twin(effect, self.kinematics.result):
             return 0
         said = agreements(self.kinematics, [Claim(effect, parameters)])
         return _WORTH.get(said[0].says, 0) if said else 0
+
+    def evidence(self, effect: str, parameters: Mapping[str, Quantity]) -> float:
+        """How strongly the kinematics speak for an effect of these values (``kinematic_evidence``); zero where there is no check."""
+        return kinematic_evidence(self.kinematics, effect, parameters) if self.kinematics is not None else 0.0
+
+
+def kinematic_evidence(kinematics: Kinematics, effect: str, parameters: Mapping[str, Quantity]) -> float:
+    """Log likelihood by which the kinematics alone speak for an effect of these values, against its absence; negative where they speak against it.
+
+    The faults that stand there take part all along. A fault among them brings what it gains beside the others, less half the square of how
+    far the values are apart in sigmas; one that another has been found for in its place brings, negative, what it loses to that one; any
+    other what it would gain beside all, less the same half square, but loses no more than it would in the place of one of them. Over the
+    colour of what is left throughout. Zero of effects that are no fault of a sensor here, that the channels cannot tell, on which the two
+    methods disagree, or that share a twin (``shares_a_twin``).
+
+    The members of a group are within chance of each other: each has about the evidence of the whole group.
+    """
+    result = kinematics.result
+    if result is None or not parameters or shares_a_twin(effect, result):
+        return 0.0
+    item = next((each for each in result.joint.estimates if each.name == effect), None)
+    own = next((each for each in result.findings if each.name == effect), None)
+    if item is None or own is None or not item.told or not item.agrees:
+        return 0.0
+    mine = next(iter(parameters.values()))
+    # A tenth of what is common in practice is what interpolation makes; half of it as one sigma.
+    spread = math.hypot(own.std, mine.std, 0.5 * worth_of(own))
+    apart = 0.5 * ((own.value - mine.value) / spread) ** 2
+    lost = own.lost if own.lost is not None else math.inf
+    said = -lost - apart if late_instead(own, result) is not None else max(own.gain - apart, -lost)
+    return said if math.isfinite(said) else 0.0
+
+
+def twin_of(effect: str, channels: tuple[str, ...]) -> str:
+    """The effect that is word for word the same to the kinematics of these channels; empty where there is none."""
+    twin, told_by = EXACT_TWINS.get(effect, ("", frozenset()))
+    return twin if not told_by.intersection(channels) else ""
+
+
+def shares_a_twin(effect: str, result: Compatibility) -> bool:
+    """Whether an effect, or one of the group that stands for it, has such a twin: what speaks for it speaks for that as well."""
+    names = {effect}
+    for finding in result.findings:
+        if finding.stands and effect in (finding.name, *finding.group):
+            names |= {finding.name, *finding.group}
+    return any(twin_of(name, result.channels) for name in names)

@@ -19,11 +19,14 @@ from scenarios.diagnosis.kinematics import (
     CONTRADICTS,
     DIFFERS,
     ENOUGH,
+    IN_KIND,
     NOTHING,
     Kinematics,
     agreements,
     kinematics_of,
     kinematics_of_files,
+    shortened,
+    spread,
     unnamed,
 )
 from scenarios.diagnosis.report.content import diagnosis_content
@@ -51,7 +54,10 @@ def checked(findings: Sequence[SensorFinding] = (), estimates: Sequence[SensorEs
 
 
 def finding(name: str, value: float, std: float, group: tuple[str, ...] = (), *, stands: bool = True, kind: str = "delay") -> SensorFinding:
-    return SensorFinding(name.partition(":")[2], kind, value, std, "s", 30.0, stands, group, name)
+    return SensorFinding(name.partition(":")[2] or "alpha", kind, value, std, "s", 30.0, stands, group, name)
+
+
+INSTEAD = replace(finding("sensor-delay:alpha", 0.055, 0.004, stands=False), lost=40.0)  # ruled out in the place of what stands
 
 
 def estimate(value: float, std: float, *, told: bool = True, difference: float = 0.0, kind: str = "delay") -> SensorEstimate:
@@ -66,7 +72,10 @@ def estimate(value: float, std: float, *, told: bool = True, difference: float =
         (checked([finding("sensor-delay:alpha", 0.074, 0.004)]), AGREES),  # 2.9 sigmas
         (checked([finding("sensor-delay:alpha", 0.076, 0.004)]), DIFFERS),  # 3.4 sigmas
         (checked([finding("sensor-lag:alpha", 0.050, 0.004, kind="lag")]), AGREES),
-        (checked([finding("vane-offset", 9.0, 1.0, ("sensor-lag:alpha",), kind="arm")]), AGREES),
+        (checked([finding("sensor-lag:alpha", 0.020, 0.004, kind="lag")]), DIFFERS),  # another of the group, of another size
+        (checked([finding("sensor-delay:alpha", 0.058, 0.0001)]), AGREES),  # 1.5 sigmas, and 3 ms are what interpolation makes
+        (checked([finding("vane-offset", 9.0, 1.0, ("sensor-lag:alpha",), kind="arm")]), IN_KIND),  # metres and seconds
+        (checked([INSTEAD, finding("vane-offset", 9.0, 1.0, kind="arm")]), CONTRADICTS),
         (checked([finding("sensor-delay:alpha", 0.058, 0.004, stands=False)]), NOTHING),
         (checked([], [estimate(0.060, 0.005)]), AGREES),
         (checked([], [estimate(0.001, 0.005)]), CONTRADICTS),
@@ -132,10 +141,46 @@ def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record
         assert lines == [kinematics.why] and agreements(kinematics, [LATE]) == []
 
 
-def test_so_many_records_are_checked_as_are_affordable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ident.compatibility.check.compatibility", lambda records, settings: checked().result)
+def test_of_many_samples_every_record_keeps_its_liveliest_stretch(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Record] = []
+
+    def check(records: Sequence[Record], settings: CompatibilitySettings) -> object:
+        seen.extend(records)
+        return checked().result
+
+    monkeypatch.setattr("ident.compatibility.check.compatibility", check)
     many = [replace(measured_record(count=ENOUGH // 2), name=f"{n}.csv") for n in range(4)]
-    assert kinematics_of([measured_record(("alpha", "q")), *many], AT_130).records == ("0.csv", "1.csv")
+    assert kinematics_of([measured_record(("alpha", "q")), *many], AT_130).records == ("0.csv", "1.csv", "2.csv", "3.csv")
+    assert all(len(each) == ENOUGH // 4 for each in seen)
+    lively = record(seed=1)
+    (cut,) = shortened([lively], 200)
+    power = [float(np.var(lively["q"].values[first : first + 200])) for first in range(len(lively) - 199)]
+    assert len(cut) == 200 and float(np.var(cut["q"].values)) > 0.95 * max(power)
+    assert [len(each) for each in shortened([lively, lively.window(0.0, 2.0)], 300)] == [249, 51]
+
+
+def test_of_too_many_records_those_of_spread_airspeeds_are_kept() -> None:
+    def at(speed: float) -> Record:
+        one = measured_record()
+        return replace(one, name=f"{speed:g}", outputs=(*one.outputs, Channel.of("airspeed", "m/s", np.full(len(one), speed))))
+
+    kept = [each.name for each in spread([at(speed) for speed in (100.0, 101.0, 102.0, 103.0, 200.0, 150.0)], 3)]
+    assert kept == ["100", "102", "200"]
+    assert [each.name for each in spread([replace(measured_record(), name=str(i)) for i in range(5)], 3)] == ["0", "1", "2"]
+
+
+def test_what_differs_is_said_with_both_values() -> None:
+    (found,) = agreements(checked([finding("sensor-delay:alpha", 0.030, 0.002)]), [LATE])
+    assert found.says == DIFFERS and "differs: 0.030 +- 0.002 s against 0.061 +- 0.002 s in the diagnosis" in found.sentence
+    assert "agrees" not in found.sentence
+
+
+def test_the_twin_of_a_claim_is_no_fault_that_the_diagnosis_missed() -> None:
+    arm = checked([finding("vane-offset", 2.0, 0.2, ("accelerometer-offset:nz",), kind="arm")])
+    assert unnamed(arm, [Claim("time-base", {})]) != []
+    assert unnamed(arm, [Claim("accelerometer-offset:nz", {"arm": Quantity(-2.0, 0.2, "m")})]) == []
+    slow = checked([finding("sensor-scale:alpha", 0.9, 0.01, kind="scale")])
+    assert unnamed(slow, [Claim("time-base", {"factor": Quantity(1.1, 0.01, "1")})]) == []
 
 
 def test_files_are_checked_with_every_channel_as_flightid_check_does(tmp_path: Path) -> None:
