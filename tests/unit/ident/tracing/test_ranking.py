@@ -9,7 +9,7 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.ranking import Choice, alternatives_of, choose_among_near, is_ambiguous
+from ident.tracing.ranking import Choice, alternatives_of, believable_choice, choose_among_near, is_ambiguous
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks
@@ -141,3 +141,22 @@ def test_of_exact_twins_the_likelier_cause_is_chosen_whichever_of_them_the_searc
         assert choice.best.names == ("sensor-scale:alpha",)
         assert is_ambiguous(choice, frozenset()) and alternatives_of(choice, frozenset()) == {"sensor-scale:alpha": ("time-base",)}
         assert choice.best.values.shared["sensor-scale:alpha.scale"] == pytest.approx(1.0 / 1.06, abs=0.02)
+
+
+def test_a_set_of_fewer_effects_with_a_lower_criterion_takes_the_place_of_a_larger_one() -> None:
+    """Scores depend on the way to a set: here the larger one has the better score."""
+    ledger, larger = ledger_of(planted([LATE], {"sensor-delay:alpha.delay": 0.08}, 3), [AHEAD, SensorScale("q")], [LATE])
+    smaller = ledger.models[frozenset({LATE.name})]
+    assert smaller.criterion < larger.criterion
+    ledger = ledger.replaced(larger, smaller.criterion - 50.0)
+    _, choice = choose_among_near(ledger, larger, HeldOutData())
+    assert choice.best.names == (LATE.name,)
+
+
+def test_what_the_one_that_took_anothers_place_explains_is_dropped() -> None:
+    """Beside an angle of attack that is read too large a scale of the pitch rate explains nothing."""
+    scales = {"sensor-scale:alpha.scale": 1.15}
+    ledger, wrong = ledger_of(planted([SensorScale("alpha")], scales, 3), [SensorScale("q"), SensorScale("alpha")], [SensorScale("alpha")])
+    ledger = ledger.replaced(wrong, ledger.score(wrong))
+    _, choice = believable_choice(ledger, wrong, HeldOutData())
+    assert choice.best.names == ("sensor-scale:alpha",)

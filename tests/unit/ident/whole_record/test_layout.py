@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,3 +48,18 @@ def test_a_rate_that_is_not_measured_is_the_slope_of_lines_over_a_thirtieth_of_t
     for k in (30, 300, 570):
         near = slice(k - 10, k + 11)
         assert slope[np.flatnonzero(at == time[k])[0]] == pytest.approx(np.polyfit(time[near], altitude[near], 1)[0], rel=1e-9)
+
+
+def test_a_measured_state_is_guessed_less_the_bias_of_its_sensor() -> None:
+    """Trim is among the biases: a motion that integrates the angle of attack would run away from a guess that holds it."""
+    rng = np.random.default_rng(3)
+    record = rigid_record(rng)
+    shifted = replace(record, outputs=tuple(replace(c, values=c.values + 0.06) if c.name == "alpha" else c for c in record.outputs))
+    system = compile_model(rigid_model().with_biases(["alpha", "q", "nz"]).with_values({"bias_alpha": 0.06}))
+    at = system.state_names.index("alpha")
+    assert known_states(shifted, system)[at][1] == pytest.approx(record["alpha"].values)
+    p = system.parameters.values()
+    p[system.parameters.index("bias_alpha")] = 0.01
+    assert known_states(shifted, system, p)[at][1] == pytest.approx(record["alpha"].values + 0.05)
+    layout = lay_out([shifted], system, FitSettings())
+    assert layout.start[layout.names.index("alpha(0)")] == pytest.approx(record["alpha"].values[0])

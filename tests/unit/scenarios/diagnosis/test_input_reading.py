@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from ident.tracing.diagnosis import Claim, Quantity, Verdict
-from scenarios.diagnosis.input_reading import moves_between_samples, no_worse, read_again
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
+from scenarios.diagnosis.input_reading import better, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.preparation.plan import BY_HAND
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
-from sim.record import Hold
+from sim.record import Channel, Hold, Record
 from tests.diagnoses import measured_record, tracing_of
 
 CANDIDATES = (InputRecordedLate(), InputDelay("elevator"))
@@ -46,3 +48,38 @@ def test_the_second_reading_was_chosen_by_no_hand() -> None:
     notes = (f"inputs linear between samples: {BY_HAND}", "a trim was taken off")
     first, second = read_again(notes)
     assert BY_HAND not in first and "--hold previous" in first and second == notes[1]
+
+
+def through_samples(record: Record) -> Record:
+    """The same with an elevator that takes five samples to get where it goes, as a surface does."""
+    (elevator,) = record.inputs
+    slow = np.convolve(elevator.values, np.ones(5) / 5.0)[: len(record)]
+    return replace(record, inputs=(Channel.of("elevator", "rad", slow),))
+
+
+def test_times_found_with_an_input_that_passes_through_samples_ask_for_a_second_reading() -> None:
+    stepped = measured_record()
+    passing = through_samples(stepped)
+    late = Claim("sensor-delay:alpha", {"delay": Quantity(0.05, 0.001, "s")})
+    found = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
+    assert tells_times(found, [passing])
+    assert not tells_times(found, [stepped]) and not tells_times(found, [replace(passing, hold=Hold.LINEAR)])
+    assert not tells_times(replace(found, effects=(Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")}),)), [passing])
+
+
+def test_the_second_reading_has_to_lower_the_criterion() -> None:
+    """Twice the samples times the logarithm of the noise, and ln N for each number of the effects: ten in all."""
+    first = tracing_of(Verdict.TRACED).diagnosis
+    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
+    name, count = max(counts.items(), key=lambda item: item[1])
+
+    def quieter(by: float) -> Diagnosis:
+        floor = {**first.noise_floor, name: first.noise_floor[name] * math.exp(-0.5 * by / count)}
+        return replace(first, noise_floor=floor)
+
+    assert better(quieter(10.5), first) and not better(quieter(9.5), first) and not better(first, first)
+    one_more = replace(first, effects=(*first.effects, Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})))
+    charged = math.log(sum(counts.values()))
+    assert not better(replace(quieter(10.5), effects=one_more.effects), first)
+    assert better(replace(quieter(10.5 + charged), effects=one_more.effects), first)
+    assert not better(replace(quieter(100.0), verdict=Verdict.UNEXPLAINED), first)
