@@ -25,15 +25,17 @@ def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, Fit
     Two effects can hide each other behind other derivatives (an accelerometer ahead of the centre of gravity and a late angle of attack are
     less of a late angle of attack and a lift of the elevator of turned sign). The samples say little, so that what is added has to bring
     what any addition has to, together with what the declared derivatives say; each effect has to stand off its absence by the samples alone.
-    A single effect in the place of all is asked first. Where derivatives are wild and no effect beside the set mends them, two are put in
-    the place of each of its effects.
+    Sets that the search has passed, and a single effect in the place of all, are asked first. Where derivatives are wild and no effect
+    beside the set mends them, two are put in the place of each of its effects.
     """
     if not best.effects or has_process_noise(best.system) or best.guards:
         return ledger, best
     if misfit_to_declared(best) < ledger.problem.settings.accept + float(np.log(best.fit.counts.sum())):
         return ledger, best
     steady = [effect for effect in ledger.problem.candidates if _is_steady(effect) and effect.name not in best.names]
-    ledger, chosen = _nearest(ledger, best, [(*best.background, effect) for effect in steady], within=ledger.problem.settings.wide)
+    chosen = _of_those_passed(ledger, best)
+    if chosen is None:
+        ledger, chosen = _nearest(ledger, best, [(*best.background, effect) for effect in steady], within=ledger.problem.settings.wide)
     if chosen is None:
         ledger, chosen = _nearest(ledger, best, [(*best.effects, effect) for effect in steady])
     if chosen is None and wild(best):
@@ -53,14 +55,28 @@ def _nearest(ledger: Ledger, best: FittedModel, sets: Sequence[tuple[Traceable, 
     least, chosen = best.criterion + misfit_to_declared(best) - ledger.problem.settings.accept, None
     for effects in sets:
         ledger, child = fit(ledger, effects, best, rough=True)
-        if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within or wild(child) or not is_white(child, ledger.problem.settings.white):
-            continue
-        if not all(_stands(child, effect) for effect in child.foreground):
+        if child is None or not _explains(ledger, best, child, within):
             continue
         total = child.criterion + misfit_to_declared(child)
         if total < least:
             least, chosen = total, child
     return ledger, chosen
+
+
+def _of_those_passed(ledger: Ledger, best: FittedModel) -> FittedModel | None:
+    """The same of the sets that the search has fitted anyway and that have no more effects."""
+    least, wide = best.criterion + misfit_to_declared(best) - ledger.problem.settings.accept, ledger.problem.settings.wide
+    known = [fitted for fitted in ledger.models.values() if 0 < len(fitted.foreground) <= len(best.foreground)]
+    near = [fitted for fitted in known if not fitted.guards and not has_process_noise(fitted.system) and _explains(ledger, best, fitted, wide)]
+    chosen = min(near, key=lambda fitted: fitted.criterion + misfit_to_declared(fitted), default=None)
+    return chosen if chosen is not None and chosen.criterion + misfit_to_declared(chosen) < least else None
+
+
+def _explains(ledger: Ledger, best: FittedModel, child: FittedModel, within: float) -> bool:
+    """Whether a set leaves noise, is not worse than the best by more than ``within``, and has effects and derivatives to be believed."""
+    if 2.0 * (child.fit.cost - best.fit.cost) > within or wild(child) or not is_white(child, ledger.problem.settings.white):
+        return False
+    return all(_stands(child, effect) for effect in child.foreground)
 
 
 def _two_for_one(best: FittedModel, steady: Sequence[Traceable]) -> Iterator[tuple[Traceable, ...]]:

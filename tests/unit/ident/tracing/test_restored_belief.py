@@ -52,3 +52,15 @@ def test_a_vehicle_file_that_is_wrong_makes_no_effect() -> None:
     ledger = Ledger(problem).kept(alone, alone.criterion)
     assert misfit_to_declared(alone) > 30.0
     assert with_belief_restored(ledger, alone)[1] is alone
+
+
+def test_a_set_that_the_search_has_passed_is_taken_before_anything_is_fitted(hidden: Ledger) -> None:
+    alone, both = hidden.models[frozenset({LATE.name})], fit_of(hidden.problem, (AHEAD, LATE))
+    ahead = fit_of(hidden.problem, (AHEAD,))
+    # Two sets of one size: the late angle of attack with a scale, wild, and the true pair, of a worse score.
+    wild_one = fit_of(hidden.problem, (LATE, SCALE), alone)
+    ledger = Ledger(hidden.problem)
+    for fitted in (alone, ahead, both, wild_one):
+        ledger = ledger.kept(fitted, fitted.criterion)
+    after, best = with_belief_restored(ledger, wild_one)
+    assert set(best.names) == {LATE.name, AHEAD.name} and after.spent == ledger.spent
