@@ -59,10 +59,17 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
     # Between those that no record tells apart the declared derivatives choose, which is beyond any witness of the same record.
     best = min((item for item in equals if item is best or item.effect.name in best.effect.traits.equivalents), key=_from_declared)
-    # One and the same signature does as well under another name, too, where only its values by record differ.
-    alike = [item for item in results if not item.stands and item.replication.values and _same_trace(item, best) and _as_good(item, best)]
+    # One and the same signature does as well under another name, too, where only its values by record differ, or where it falls just short
+    # of what is worth a claim.
+    tried = [item for item in results if not item.stands and (item.replication.values or _falls_just_short(item))]
+    alike = [item for item in tried if _same_trace(item, best) and _as_good(item, best)]
     others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
     return CrossValidatedEffect(best, tuple(others))
+
+
+def _falls_just_short(item: CrossValidation) -> bool:
+    """Whether an effect lowers the error by less than is worth a claim, and by more than half of that."""
+    return -thresholds.WORTH <= item.reduction.total < -thresholds.HALF_OF_IT * thresholds.WORTH
 
 
 def _from_declared(item: CrossValidation) -> float:

@@ -67,6 +67,18 @@ def test_the_same_trace_under_another_name_is_told_though_its_values_differ_from
     assert choose([best, differing]).others == choose([best, apart]).others == ()  # type: ignore[union-attr]
 
 
+def test_the_same_trace_is_told_though_it_falls_just_short_of_what_is_worth_a_claim(late: Flight) -> None:
+    """An error left of 0.9 is worth a claim, 0.91 is not, and 0.96 is not worth a word."""
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    best = standing(SCALED, fitted, before, 0.9)
+    short, little = (standing(LATE, fitted, before, share, stands=False) for share in (0.91, 0.96))
+    apart = replace(short, finding=replace(short.finding, contribution=np.array([1.0, -1.0, 0.0])))
+    assert [item.effect.name for item in choose([best, short]).others] == [LATE.name]  # type: ignore[union-attr]
+    assert choose([best, little]).others == choose([best, apart]).others == ()  # type: ignore[union-attr]
+
+
 def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> None:
     fitted = fit_of(problem_of(list(late.records)), (LATE, SCALED), None, {"sensor-delay:alpha.delay": 0.07, "sensor-scale:q.scale": 1.01})
     frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
