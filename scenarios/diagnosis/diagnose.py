@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import TraceSettings
 from scenarios.diagnosis.candidates import candidates_for, read_effects
-from scenarios.diagnosis.input_reading import better, moves_between_samples, no_worse, read_again, tells_times
+from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
@@ -136,6 +136,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         again = run(linear.records, linear.model, candidates, guards, linear.predicted, TraceSettings(), progress, witness)
         if no_worse(again, diagnosis) if part else better(again, diagnosis):
             posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
+        elif not part:
+            posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,

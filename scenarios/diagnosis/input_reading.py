@@ -12,6 +12,7 @@ from scenarios.preparation.plan import BY_HAND
 from sim.declaration.proposal import Traceable
 from sim.record import Hold, Record
 
+CHOOSE = "--hold linear or --hold previous says which"
 TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
 STRENGTH = (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS, Verdict.PARTIAL, Verdict.UNEXPLAINED)
 READ_AGAIN = "held ones would run ahead of the aircraft by a part of a sample; --hold previous holds them"
@@ -44,15 +45,35 @@ def no_worse(again: Diagnosis, first: Diagnosis) -> bool:
 
 
 def better(again: Diagnosis, first: Diagnosis) -> bool:
-    """Whether the second reading explains as much with a clearly lower criterion: noise levels, and ln N for each number of the effects."""
-    if not no_worse(again, first):
-        return False
+    """Whether the second reading explains as much with a clearly lower criterion."""
+    return no_worse(again, first) and _lowered(again, first) > BETTER
+
+
+def left_open(again: Diagnosis, first: Diagnosis) -> tuple[str, ...]:
+    """What the second reading would change by more than a sigma, where it explains the records as well; nothing where it does not."""
+    named = [found.name for found in first.effects]
+    if again.verdict is not first.verdict or [found.name for found in again.effects] != named or abs(_lowered(again, first)) > BETTER:
+        return ()
+    own = [
+        (f"{one.name}.{name}", one.parameters[name], q)
+        for one, other in zip(first.effects, again.effects, strict=True)
+        for name, q in other.parameters.items()
+    ]
+    pairs = [*own, *((name, first.after[name], q) for name, q in again.after.items() if name in first.after)]
+    moved = [f"{name} {q.value:.4g} for {was.value:.4g}" for name, was, q in pairs if abs(q.value - was.value) > max(q.std, was.std)]
+    if not moved:
+        return ()
+    return (f"inputs were read as held; moving linearly between samples they explain the records as well, with {', '.join(moved)}: {CHOOSE}",)
+
+
+def _lowered(again: Diagnosis, first: Diagnosis) -> float:
+    """By how much the second reading lowers the criterion: noise levels, and ln N for each number of the effects."""
     counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
     lower = sum(
         2.0 * count * np.log(first.noise_floor[name] / again.noise_floor[name]) for name, count in counts.items() if name in again.noise_floor
     )
     fewer = sum(len(found.parameters) for found in first.effects) - sum(len(found.parameters) for found in again.effects)
-    return float(lower + fewer * np.log(max(sum(counts.values()), 2))) > BETTER
+    return float(lower + fewer * np.log(max(sum(counts.values()), 2)))
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:

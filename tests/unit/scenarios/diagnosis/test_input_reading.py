@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
-from scenarios.diagnosis.input_reading import better, moves_between_samples, no_worse, read_again, tells_times
+from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.preparation.plan import BY_HAND
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_recorded_late import InputRecordedLate
@@ -83,3 +83,15 @@ def test_the_second_reading_has_to_lower_the_criterion() -> None:
     assert not better(replace(quieter(10.5), effects=one_more.effects), first)
     assert better(replace(quieter(10.5 + charged), effects=one_more.effects), first)
     assert not better(replace(quieter(100.0), verdict=Verdict.UNEXPLAINED), first)
+
+
+def test_where_both_readings_serve_what_differs_is_told() -> None:
+    """Half an interval of 0.02 s is ten sigmas of a delay; nothing is told where the second fits worse, or names something else."""
+    late = Claim("sensor-delay:q", {"delay": Quantity(0.09, 0.001, "s")})
+    first = replace(tracing_of(Verdict.TRACED).diagnosis, effects=(late,))
+    again = replace(first, effects=(replace(late, parameters={"delay": Quantity(0.10, 0.001, "s")}),))
+    (told,) = left_open(again, first)
+    assert "sensor-delay:q.delay 0.1 for 0.09" in told and "--hold linear" in told
+    assert left_open(first, first) == ()
+    assert left_open(replace(again, effects=(replace(late, name="sensor-lag:q"),)), first) == ()
+    assert left_open(replace(again, noise_floor={name: 2.0 * value for name, value in first.noise_floor.items()}), first) == ()
