@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ident.recording.control import control_power
+from ident.recording.control import ControlPower, control_power, sure
 from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
 from ident.recording.motion import columns_of, disagreement
@@ -189,3 +189,8 @@ def test_a_very_late_vane_in_rough_air_turns_no_sign_of_the_control(seed: int) -
     assert all(one.kind is not Kind.SIGN for one in inspect(late, craft.expected))
     turned = [one.kind for one in inspect(altered(record, elevator=np.negative), craft.expected)]
     assert turned == [Kind.SIGN]
+
+
+def test_a_control_power_that_the_other_sign_explains_nearly_as_well_is_not_sure() -> None:
+    assert sure(ControlPower(-40.0, 2.0, 0.95, 0.7)) and not sure(ControlPower(-40.0, 2.0, 0.93, 0.81))
+    assert not sure(ControlPower(-40.0, 6.0, 0.95, 0.0)) and not sure(ControlPower(-40.0, 2.0, 0.75, 0.0))
