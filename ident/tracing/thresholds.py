@@ -49,7 +49,6 @@ GUARD_TIE = 12.0  # chosen: a guard has to win by more than an addition has to b
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative
 DECLARED_DERIVATIVES = 0.3  # of each value, one sigma. fixed by the vehicle file, whose derivatives are possibly 30 % wrong
-THREEFOLD = 3.0  # fixed by the vehicle file, possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
 FEWEST_DECLARED = 3  # derivatives. chosen: a file that declares fewer knows no aircraft
 BLURRED = 10.0  # chosen: a sigma that an addition makes ten times larger has lost what the record told
 GAP, EDGE_OF_A_GAP = 5.0, 3.0  # samples. chosen: shorter than any maneuver's pulse; an onset is known to a sample or two

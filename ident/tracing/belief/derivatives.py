@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ident.statistics.contradictions import SIGMAS, THREEFOLD, contradiction
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
@@ -24,7 +25,7 @@ class Wreck:
 def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
     """Derivatives that contradict the vehicle file, or are no longer known, with a set of effects and did not or were without it.
 
-    They contradict it where two sigmas to either side leave no value of the declared sign below ``thresholds.THREEFOLD`` times the declared
+    They contradict it where two sigmas to either side leave no value of the declared sign below ``THREEFOLD`` times the declared
     one. They are no longer known where sigma grows tenfold or more and exceeds the value. What is ``wild`` with the set is ruined whatever
     it was without: either the file is wrong or the set is.
     """
@@ -51,7 +52,7 @@ def wild(fitted: FittedModel) -> list[str]:
 
     Nothing where the model has so few that their declared values are mere starts (the ballistic coefficient of an unknown body).
     """
-    found, declared, far = derivatives_of(fitted), declared_derivatives(fitted), 1.0 + thresholds.THREEFOLD
+    found, declared, far = derivatives_of(fitted), declared_derivatives(fitted), 1.0 + THREEFOLD
     if len(declared) < thresholds.FEWEST_DECLARED:
         return []
     return [name for name, value in declared.items() if name in found and _outside(found[name], value, 2.0 - far, far)]
@@ -59,7 +60,7 @@ def wild(fitted: FittedModel) -> list[str]:
 
 def contradicts(found: Quantity, declared: float) -> bool:
     """Whether no value within two sigmas has the declared sign and is below threefold the declared one."""
-    return _outside(found, declared, 0.0, thresholds.THREEFOLD)
+    return bool(contradiction(found.value, found.std, declared))
 
 
 def declared_derivatives(fitted: FittedModel) -> dict[str, float]:
@@ -81,4 +82,4 @@ def derivatives_of(fitted: FittedModel) -> Mapping[str, Quantity]:
 def _outside(found: Quantity, declared: float, low: float, high: float) -> bool:
     """Whether ``found``, by two sigmas, lies outside ``low`` to ``high`` times the declared value."""
     share, sigma = found.value / declared, abs(found.std / declared)
-    return share + 2.0 * sigma < low or share - 2.0 * sigma > high
+    return share + SIGMAS * sigma < low or share - SIGMAS * sigma > high
