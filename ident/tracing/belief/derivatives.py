@@ -30,7 +30,7 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
     it was without: either the file is wrong or the set is.
     """
     declared, before, after = declared_derivatives(best), derivatives_of(root), derivatives_of(best)
-    far, out = wild(best), []
+    far, out = _far_off(after, declared), []
     for name, value in declared.items():
         if name not in before or name not in after:
             continue
@@ -52,7 +52,11 @@ def wild(fitted: FittedModel) -> list[str]:
 
     Nothing where the model has so few that their declared values are mere starts (the ballistic coefficient of an unknown body).
     """
-    found, declared, far = derivatives_of(fitted), declared_derivatives(fitted), 1.0 + THREEFOLD
+    return _far_off(derivatives_of(fitted), declared_derivatives(fitted))
+
+
+def _far_off(found: Mapping[str, Quantity], declared: Mapping[str, float]) -> list[str]:
+    far = 1.0 + THREEFOLD
     if len(declared) < thresholds.FEWEST_DECLARED:
         return []
     return [name for name, value in declared.items() if name in found and _outside(found[name], value, 2.0 - far, far)]
