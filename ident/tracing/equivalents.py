@@ -9,6 +9,7 @@ import numpy as np
 from ident.statistics.information import inverse_information
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.expansion import only_beside_another
@@ -19,6 +20,12 @@ from sim.declaration.proposal import Traceable
 def are_equivalent(fitted: FittedModel, gone: Key, come: Key) -> bool:
     """Whether a set and that with the names ``come`` in the place of ``gone`` explain any record alike."""
     return len(gone) == len(come) == 1 and any(come.issubset(effect.traits.equivalents) for effect in fitted.effects if effect.name in gone)
+
+
+def same_by_value(effect: Traceable, found: Mapping[str, Quantity]) -> tuple[str, ...]:
+    """Names of effects that an effect with these values is, too: under either the equations are the same."""
+    known = ((found[local], other) for local, other in effect.traits.same_as.items() if local in found)
+    return tuple(name for q, (name, least) in known if abs(q.value) > max(least, thresholds.CLEARLY_OFF_ABSENCE * q.std))
 
 
 def told_by_declared(totals: Mapping[Key, float], models: Mapping[Key, FittedModel]) -> dict[Key, float]:

@@ -16,6 +16,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, local_names
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.diagnosis import Caution, Claim, Concern, Verdict
+from ident.tracing.equivalents import same_by_value
 from ident.tracing.ranking import Choice, alternatives_of, is_ambiguous
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.validation.whiteness import whiteness
@@ -67,12 +68,12 @@ def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:
 def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
     """The effects of a set, with what could take the place of each; hints where a guard is among them."""
     best, others = choice.best, alternatives_of(choice, problem.guards)
-    guarded = bool(best.guards)
-    return [
-        Claim(effect.name, quantities(best, effect), others.get(effect.name, ()), not guarded, records_of(best, effect), effect.explanation)
-        for effect in best.effects
-        if not effect.traits.guard
-    ]
+    guarded, out = bool(best.guards), []
+    for effect in (each for each in best.effects if not each.traits.guard):
+        found = quantities(best, effect)
+        alternatives = tuple(dict.fromkeys([*same_by_value(effect, found), *others.get(effect.name, ())]))[: thresholds.ALTERNATIVES_NAMED]
+        out.append(Claim(effect.name, found, alternatives, not guarded, records_of(best, effect), effect.explanation))
+    return out
 
 
 def no_better(before: HeldOut, after: HeldOut) -> bool:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 GUARD = "guard:"  # what a guard's printed name begins with
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
+_NO_NAMES: Mapping[str, tuple[str, float]] = MappingProxyType({})
 _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
 
@@ -31,6 +32,8 @@ class Traits:
     equivalents : those of the twins that no record tells apart from it, since other values of the derivatives make up for the difference: a
         record is explained alike under each, and only the declared derivatives say which is likelier. A guard that has some competes with
         these alone.
+    same_as : local name -> (effect, least size): where this parameter is larger than that, the effect is the same thing under another name, which
+        no record without further channels tells apart; a claim names it beside its own.
     rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     loose : local names of parameters that a claim need not know: their sigma may exceed their value.
@@ -58,6 +61,7 @@ class Traits:
     separating: Mapping[str, str] = field(default_factory=lambda: _NO_MANEUVERS)
     twins: tuple[str, ...] = ()
     equivalents: tuple[str, ...] = ()
+    same_as: Mapping[str, tuple[str, float]] = field(default_factory=lambda: _NO_NAMES)
     rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     loose: tuple[str, ...] = ()

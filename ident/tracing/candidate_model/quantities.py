@@ -16,13 +16,13 @@ from sim.declaration.proposal import Traceable
 
 def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
     """An effect's free parameters in a fitted model, by local name; of the record in which it stands out most where each has its own."""
-    return max(_quantities_by_record(fitted, effect), key=lambda found: _sigmas(effect, found))
+    return max(_quantities_by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found))
 
 
 def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
     """Numbers, from 0, of the records that an effect with parameters of its own for each acts on; empty where it acts on all."""
     each = _quantities_by_record(fitted, effect)
-    seen = tuple(r for r, found in enumerate(each) if _sigmas(effect, found) > thresholds.CLEARLY_OFF_ABSENCE)
+    seen = tuple(r for r, found in enumerate(each) if sigmas_from_absence(effect, found) > thresholds.CLEARLY_OFF_ABSENCE)
     return seen if 0 < len(seen) < len(each) else ()
 
 
@@ -62,12 +62,12 @@ def stands_out_somewhere(fitted: FittedModel, effect: Traceable, sigmas: float =
     onset = effect.traits.onset
     for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
-        if inside and _sigmas(effect, found) > sigmas:
+        if inside and sigmas_from_absence(effect, found) > sigmas:
             return True
     return False
 
 
-def _sigmas(effect: Traceable, found: Mapping[str, Quantity]) -> float:
+def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:
     """By how many standard deviations an effect's parameters differ from its absence, at most; infinite where none could."""
     known = [abs(found[local].value - value) / found[local].std for local, value in effect.absent.items() if local in found]
     return max(known, default=np.inf)

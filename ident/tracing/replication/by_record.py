@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
+from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, belongs_to_record, fit_set
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.candidate_model.quantities import quantities_with
+from ident.tracing.candidate_model.quantities import quantities_with, sigmas_from_absence
 from ident.tracing.diagnosis import Quantity, Witness, silent
 from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOutData
@@ -130,6 +130,15 @@ def distance_from_absence(fitted: FittedModel, effect: Traceable) -> float:
 def own_quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
     """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
     return by_record(fitted, effect)[0]
+
+
+def most_telling(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
+    """The same of the record in which the effect stands out most, where each has its own."""
+    return (
+        max(by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found))
+        if belongs_to_record(effect)
+        else own_quantities(fitted, effect)
+    )
 
 
 def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> bool:

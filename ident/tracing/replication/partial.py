@@ -10,10 +10,11 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import why_no_set, why_not
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
-from ident.tracing.replication.by_record import choosing_records, own_quantities, recordings
+from ident.tracing.equivalents import same_by_value
+from ident.tracing.replication.by_record import choosing_records, most_telling, own_quantities, recordings
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.cross_validation import cross_validate
 from ident.tracing.selection.ledger import Ledger, fit
@@ -48,7 +49,8 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     )
     members = {id(member) for item in chosen for member in (item.best, *item.others)}
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
-    claims = (*(_of_background(fitted, effect) for effect in base.effects), *(_claim(fitted, item) for item in chosen))
+    said = {item.best.effect.name for item in chosen}
+    claims = (*(_of_background(fitted, effect) for effect in base.effects if effect.name not in said), *(_claim(fitted, item) for item in chosen))
     return ledger, Partial(claims, fitted, predicted_by(fitted, held))
 
 
@@ -61,10 +63,11 @@ def _as_printed(
     """
     left = list(chosen)
     while left:
-        ledger, fitted = fit(ledger, (*base.effects, *(item.best.effect for item in left)), base, _starts(left))
+        added = [item.best.effect for item in left if item.best.effect.name not in base.names]
+        ledger, fitted = fit(ledger, (*base.effects, *added), base, _starts(left))
         if fitted is None:
             break
-        own = [why_not(item.best.effect, own_quantities(fitted, item.best.effect), fitted) for item in left]
+        own = [why_not(item.best.effect, most_telling(fitted, item.best.effect), fitted) for item in left]
         if not any(own) and not why_no_set(ledger.models.get(frozenset(), base), fitted):
             return ledger, left, fitted
         # Where the set as a whole ruins a derivative, what came last goes first.
@@ -88,6 +91,11 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         best.fitted.names[:-1],
     )
     alternatives = tuple(other.effect.name for other in item.others[: thresholds.ALTERNATIVES_NAMED])
+    if belongs_to_record(best.effect):
+        # Each record has its own value: there is no mean of them to be known.
+        own = most_telling(fitted, best.effect)
+        alternatives = tuple(dict.fromkeys([*same_by_value(best.effect, own), *alternatives]))[: thresholds.ALTERNATIVES_NAMED]
+        return Claim(best.effect.name, own, alternatives, True, records_of(fitted, best.effect), best.effect.explanation, evidence)
     found = {
         name: _scattered(quantity, [own[name].value for own in best.replication.values])
         for name, quantity in own_quantities(fitted, best.effect).items()
@@ -97,7 +105,8 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
 
 def _of_background(fitted: FittedModel, effect: Traceable) -> Claim:
     """What any record may have: it belongs to each record by itself, so that there is nothing to replicate."""
-    return Claim(effect.name, quantities(fitted, effect), (), True, records_of(fitted, effect), effect.explanation)
+    found = quantities(fitted, effect)
+    return Claim(effect.name, found, same_by_value(effect, found), True, records_of(fitted, effect), effect.explanation)
 
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:

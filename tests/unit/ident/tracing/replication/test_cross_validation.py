@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.cross_validation import cross_validate, within_reach, without_record
+from ident.tracing.replication.cross_validation import cross_validate
+from ident.tracing.replication.weighing import within_reach, without_record
 from ident.tracing.screening.context import search_context
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.proposal import fitted_to

@@ -1,0 +1,127 @@
+"""One candidate added to a fitted set and tried on records that were left out: does it stand, and why not?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.statistics.normal_equations import add_normal_equations
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.candidate_model.quantities import implausible
+from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, replicate
+from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.comparison import CrossValidation
+from ident.tracing.replication.each_its_own import own_values, predicted_gains, stands_by_prediction
+from ident.tracing.replication.error_reduction import Reduction, reduction
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import Finding
+from ident.tracing.selection.expansion import near_absence
+from ident.tracing.validation.held_out import held_out
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.proposal import Curve, Traceable
+
+
+def left_out(flight: Flight, fitted: FittedModel, which: Sequence[int] | None = None) -> dict[int, Fit] | None:
+    """Each record, or ``which``, predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
+    fits = {}
+    for r in range(len(flight.records)) if which is None else which:
+        record = flight.records[r]
+        trained: FittedModel | None = without_record(fitted, r)
+        if len(flight.records) <= thresholds.WHOLE_REFIT_UP_TO:
+            others = [other for other in range(len(flight.records)) if other != r]
+            trained = flight.fit(fitted.effects, others, fitted.values)
+        frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
+        if frozen is None:
+            return None
+        fits[r] = frozen
+    return fits
+
+
+def within_reach(fitted: FittedModel, effect: Traceable) -> list[int]:
+    """Records that fly where the others do, too: beyond their range a curve fitted to the others is not known."""
+    count = len(fitted.fit.layout.problems)
+    if not isinstance(effect, Curve):
+        return list(range(count))
+    inside = []
+    for r in range(count):
+        others = effect.fitted_to(search_context(fitted, which=[other for other in range(count) if other != r]))
+        beyond = max(others.low - effect.low, effect.high - others.high)
+        if beyond <= thresholds.BEYOND_RANGE * (effect.high - effect.low):
+            inside.append(r)
+    return inside
+
+
+def without_record(fitted: FittedModel, r: int) -> FittedModel:
+    """The set as fitted to all records but one: a Gauss-Newton step from the fit of all of them, which is near where there are many."""
+    fit, layout = fitted.fit, fitted.fit.layout
+    normal, gradient = (part.copy() for part in fit.normal_equations())
+    problem = layout.problems[r]
+    weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
+    add_normal_equations(normal, gradient, layout.columns(r), fit.jacobians[r], fit.residuals[r], weight)
+    scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    moving = np.flatnonzero(scale > 1e-9 * np.sqrt(np.maximum(np.diag(fit.normal_equations()[0]), 1e-300)))
+    inside = normal[np.ix_(moving, moving)] / np.outer(scale[moving], scale[moving])
+    step = np.zeros(len(fit.theta))
+    step[moving] = np.linalg.lstsq(inside, gradient[moving] / scale[moving], rcond=1e-10)[0] / scale[moving]
+    return replace(fitted, fit=replace(fit, theta=np.clip(fit.theta + step, fit.problem.low, fit.problem.high)))
+
+
+def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
+    effects = (*fitted.effects, finding.effect)
+    everything = range(len(flight.records))
+    tries = [flight.fit(effects, everything, fitted.values, start) for start in finding.starts[:2]]
+    child = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+    if child is None or child.fit.cost > fitted.fit.cost:
+        child = flight.fit(effects, everything, fitted.values, near_absence(finding.effect, finding.starts[0]))
+    if child is None:
+        return None
+    if fitted_change(fitted, child) > -thresholds.HALF_OF_IT * thresholds.WORTH:
+        return None
+    asked = within_reach(fitted, finding.effect)
+    after = left_out(flight, child, asked) if asked else None
+    if after is None:
+        return None
+    pairs = [before[r] for r in asked], [after[r] for r in asked]
+    lowered, gain = reduction(*pairs), coloured_gain(*pairs)
+    if lowered.total > -thresholds.WORTH:
+        why = "it does not lower the error on records left out enough"
+        return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
+    if belongs_to_record(finding.effect):
+        each, copies = predicted_gains(pairs[0], pairs[1], finding.effect), own_values(child, finding.effect)
+        gain = float(np.sum(each))
+        stands, why = stands_by_prediction(each, lowered, copies)
+    else:
+        copies = replicate(flight, child, finding.effect)
+        stands, why = _judged(lowered, copies)
+    if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
+        stands, why = False, "its parameters are not determined"
+    if stands and gain < flight.settings.accept:
+        stands, why = False, "a colour of the residual does as well"
+    if stands and implausible(finding.effect, most_telling(child, finding.effect)):
+        stands, why = False, "its parameters are beyond belief"
+    return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+
+
+def fitted_change(fitted: FittedModel, child: FittedModel) -> float:
+    """Mean over the channels of ln(rms after / rms before) on the fitted records: what is not there will not be on others."""
+    used = fitted.fit.layout.used & child.fit.layout.used
+    return float(np.mean(0.5 * np.log(child.fit.variance[used] / fitted.fit.variance[used]))) if np.any(used) else 0.0
+
+
+def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
+    """Whether it passes, and why not."""
+    if lowered.total > -thresholds.BEYOND_ITS_SCATTER * lowered.scatter:
+        return False, "the fall of the error on records left out is within its scatter"
+    if np.any(lowered.by_channel > max(thresholds.CHANNEL_WORSE, -0.5 * lowered.total) + thresholds.BEYOND_ITS_SCATTER * lowered.channel_scatter):
+        return False, "one channel gets worse"
+    # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
+    if any(total > thresholds.BEYOND_ITS_SCATTER * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
+        return False, "it makes a record worse"
+    if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
+        return False, "it helps on too few records"
+    if not copies.agrees:
+        return False, "the records give different values"
+    return True, "cross-validated"
