@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from ident.statistics.residuals import ResidualTest
+from ident.tracing.weighed import Weighed
 from sim.record import Record
 
 
@@ -94,6 +95,7 @@ class Claim:
     ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed`` False marks a hint.
     ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it was cross-validated.
     ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
+    ``probability`` that it acts, each that could take its place, and something else, by name; empty of hints. ``weighed`` : what that rests on.
     """
 
     name: str
@@ -104,6 +106,8 @@ class Claim:
     explanation: str = ""
     evidence: Evidence | None = None
     derivatives_under: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
+    probability: Mapping[str, float] = field(default_factory=dict)
+    weighed: Weighed | None = None
 
 
 @dataclass(frozen=True)

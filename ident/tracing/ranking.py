@@ -16,6 +16,7 @@ from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
 from ident.tracing.selection.near_aliases import equivalent_sets, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, predicted_by
+from ident.tracing.weighed import ComparedSet
 from sim.declaration.proposal import Refinable
 
 Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
@@ -26,13 +27,15 @@ class Choice:
     """The set that is judged and what it does on data that were not fitted.
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
-    data that were not fitted where these take part in choosing. Empty where nothing was compared.
+    data that were not fitted where these take part in choosing. Empty where nothing was compared. ``sets`` : the same for the probability of
+    names, with others that the search passed; empty until it is asked.
     """
 
     best: FittedModel
     out: HeldOut
     totals: Mapping[Key, float] = field(default_factory=dict)
     misfits: Mapping[Key, float] = field(default_factory=dict)
+    sets: tuple[ComparedSet, ...] = ()
 
 
 def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:

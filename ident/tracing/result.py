@@ -16,6 +16,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity
+from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.ledger import Ledger
@@ -90,9 +91,10 @@ def reported(
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
     under = _derivatives(problem, best, inflation, form_spread(problem, best))
+    claims = with_probabilities(judgement.claims, {item.name: item.traits.twins for item in problem.candidates})
     return Diagnosis(
         verdict=judgement.verdict,
-        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation) for claim in judgement.claims),
+        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
         derived_before=_derived(root, before.scatter.inflation),

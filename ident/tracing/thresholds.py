@@ -97,3 +97,10 @@ COARSE = 0.025  # s, a sub-step that ranks candidates well enough
 PLACES = 60  # over the record, for effects that may begin anywhere
 AUTOREGRESSION = 12  # order: covers half a second at 25 Hz
 BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent
+
+# How probable is a name? Calibrated on simulated papers and stand-ins (``scenarios/trials``), none of them of the reliability curve.
+TEMPERATURE = 1.0  # of the log likelihood: one where its model of the noise is right
+SHARE_OF_PRICE = 1.0  # of what the criterion charges
+AGAINST_GUARDS = 0.0  # in twice the log likelihood
+WRONG_WHATEVER = {"noise left": 0.02, "cross-validated": 0.1, "one-step": 0.05, "samples": 0.01}
+LIKELY_ENOUGH = 0.05  # fixed by the format of a diagnosis: what is likelier is named beside a claim

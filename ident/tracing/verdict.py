@@ -20,6 +20,7 @@ from ident.tracing.equivalents import same_by_value
 from ident.tracing.ranking import Choice, alternatives_of, is_ambiguous
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.validation.whiteness import whiteness
+from ident.tracing.weighed import Ground, Weighed
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,9 @@ def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
     for effect in (each for each in best.effects if not each.traits.guard):
         found = quantities(best, effect)
         alternatives = tuple(dict.fromkeys([*same_by_value(effect, found), *others.get(effect.name, ())]))[: thresholds.ALTERNATIVES_NAMED]
-        out.append(Claim(effect.name, found, alternatives, not guarded, records_of(best, effect), effect.explanation))
+        ground = Ground.ONE_STEP if has_process_noise(best.system) else Ground.NOISE_LEFT
+        acts_on = records_of(best, effect)
+        out.append(Claim(effect.name, found, alternatives, not guarded, acts_on, effect.explanation, weighed=Weighed(ground, choice.sets)))
     return out
 
 

@@ -14,6 +14,7 @@ from ident.tracing.equivalents import misfit_to_declared
 from ident.tracing.replication.by_record import Replication, own_quantities
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.score_test import Finding, collinear
+from ident.tracing.weighed import ComparedSet
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 
@@ -38,10 +39,11 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class CrossValidatedEffect:
-    """An effect that passed, and those that would do as well in its place."""
+    """An effect that passed, and those that would do as well in its place; ``sets`` : all that were weighed against it, itself among them."""
 
     best: CrossValidation
     others: tuple[CrossValidation, ...]
+    sets: tuple[ComparedSet, ...] = ()
 
 
 def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> CrossValidatedEffect | None:
@@ -64,7 +66,15 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     tried = [item for item in results if not item.stands and (item.replication.values or _falls_just_short(item))]
     alike = [item for item in tried if _same_trace(item, best) and _as_good(item, best)]
     others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
-    return CrossValidatedEffect(best, tuple(others))
+    rivals = [item for item in (*standing, *alike, *guards) if item is not best and item.reduction.total < 0.0]
+    return CrossValidatedEffect(best, tuple(others), (_compared(best, best), *(_compared(item, best) for item in rivals)))
+
+
+def _compared(item: CrossValidation, best: CrossValidation) -> ComparedSet:
+    """An effect in the place of the best: how far it is behind in scatters, squared."""
+    behind, scatter = _behind(item, best)
+    away = max(behind, 0.0) / max(scatter, 0.5 * thresholds.NO_PREFERENCE) if item is not best else 0.0
+    return ComparedSet((item.effect.name,), away**2, guard=item.effect.traits.guard)
 
 
 def _falls_just_short(item: CrossValidation) -> bool:

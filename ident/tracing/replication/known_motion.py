@@ -39,4 +39,4 @@ def motion_that_stands(
     members = (best.best, *best.others)
     # Where others do as well it comes first: any record has it.
     first = next((item for item in members if item in mine), None)
-    return (None if first is None else CrossValidatedEffect(first, tuple(item for item in members if item is not first))), results
+    return (None if first is None else CrossValidatedEffect(first, tuple(item for item in members if item is not first), best.sets)), results

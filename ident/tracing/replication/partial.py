@@ -19,6 +19,7 @@ from ident.tracing.replication.comparison import CrossValidatedEffect, CrossVali
 from ident.tracing.replication.cross_validation import cross_validate
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.weighed import Ground, Weighed
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.proposal import Traceable
 
@@ -91,22 +92,31 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         best.fitted.names[:-1],
     )
     alternatives = tuple(other.effect.name for other in item.others[: thresholds.ALTERNATIVES_NAMED])
+    weighed = Weighed(Ground.CROSS_VALIDATED, item.sets)
     if belongs_to_record(best.effect):
         # Each record has its own value: there is no mean of them to be known.
         own = most_telling(fitted, best.effect)
         alternatives = tuple(dict.fromkeys([*same_by_value(best.effect, own), *alternatives]))[: thresholds.ALTERNATIVES_NAMED]
-        return Claim(best.effect.name, own, alternatives, True, records_of(fitted, best.effect), best.effect.explanation, evidence)
+        return Claim(best.effect.name, own, alternatives, True, records_of(fitted, best.effect), best.effect.explanation, evidence, weighed=weighed)
     found = {
         name: _scattered(quantity, [own[name].value for own in best.replication.values])
         for name, quantity in own_quantities(fitted, best.effect).items()
     }
-    return Claim(best.effect.name, found, alternatives, True, (), best.effect.explanation, evidence)
+    return Claim(best.effect.name, found, alternatives, True, (), best.effect.explanation, evidence, weighed=weighed)
 
 
 def _of_background(fitted: FittedModel, effect: Traceable) -> Claim:
     """What any record may have: it belongs to each record by itself, so that there is nothing to replicate."""
     found = quantities(fitted, effect)
-    return Claim(effect.name, found, same_by_value(effect, found), True, records_of(fitted, effect), effect.explanation)
+    return Claim(
+        effect.name,
+        found,
+        same_by_value(effect, found),
+        True,
+        records_of(fitted, effect),
+        effect.explanation,
+        weighed=Weighed(Ground.CROSS_VALIDATED),
+    )
 
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:

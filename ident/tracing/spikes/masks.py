@@ -14,6 +14,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.spikes.detection import Spikes, final_spikes, input_edges, input_spikes, provisional_mask
 from ident.tracing.validation.held_out import HeldOut
+from ident.tracing.weighed import Ground, Weighed
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
 
@@ -124,7 +125,7 @@ def _claim(name: str, spikes: Sequence[Spikes], unit: str, sigma: float) -> Clai
     }
     records = tuple(sorted({spike.record for spike in spikes}))
     text = f"{count} isolated sample(s) of the channel are wrong, by {size:.3g} {unit} (root mean square); they were set aside in every fit"
-    return Claim(name, parameters, (), True, records, text)
+    return Claim(name, parameters, (), True, records, text, weighed=Weighed(Ground.SAMPLES))
 
 
 def _sigma(fitted: FittedModel, channel: str) -> float:
