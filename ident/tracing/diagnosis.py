@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 
@@ -67,8 +68,14 @@ class Quantity:
     unit: str
 
 
-# By an effect's name and local parameters: 1 for it, -1 against it, 0 not at all.
-Witness = Callable[[str, Mapping[str, Quantity]], int]
+class Witness(Protocol):
+    """What speaks of effects by other means than the model: of an effect's name and local parameters.
+
+    Called, it says 1 for the effect, -1 against it, 0 not at all; ``evidence`` is the log likelihood by which it does.
+    """
+
+    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int: ...
+    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -211,6 +218,14 @@ class Diagnosis:
     used_to_choose: bool = False
 
 
-def silent(effect: str, parameters: Mapping[str, Quantity]) -> int:
+class Silent:
     """A witness that says nothing."""
-    return 0
+
+    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
+        return 0
+
+    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
+        return 0.0
+
+
+silent = Silent()

@@ -192,7 +192,12 @@ def with_final_masks(found: Found) -> Found:
 def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
     ledger, partial = cross_validated(ledger, base, held)
-    return ledger, None if partial is None or (held.choosing and hardly_better(held.declared, partial.out)) else partial
+    return ledger, None if partial is None or (held.choosing and predicts_no_better(held, partial)) else partial
+
+
+def predicts_no_better(held: HeldOutData, partial: Partial) -> bool:
+    """Whether data that were not fitted are predicted no better with what replicates; of events alone, which need not be there, worse."""
+    return no_better(held.declared, partial.out) if partial.events_alone else hardly_better(held.declared, partial.out)
 
 
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
@@ -209,7 +214,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         return ledger, judgement
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
-    if partial is not None and not hardly_better(found.held.declared, partial.out):
+    if partial is not None and not predicts_no_better(found.held, partial):
         return judged_again(ledger, found, partial)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.
     return in_rough_air(ledger, found, judgement)

@@ -20,6 +20,7 @@ from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.replication.known_motion import motion_that_stands
+from ident.tracing.replication.lone_event import event_that_stands
 from ident.tracing.replication.weighing import fitted_change, left_out, weigh
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
@@ -30,16 +31,20 @@ from sim.declaration.effect import NoiseEffect, Regularity
 from sim.declaration.proposal import Traceable
 
 
-def cross_validate(flight: Flight, candidates: Sequence[Traceable], base: FittedModel) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
+def cross_validate(
+    flight: Flight, candidates: Sequence[Traceable], base: FittedModel, fitted_records: int = 0
+) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
     """Effects that replicate and lower the error on records that were not fitted, one after the other, and all that was tried.
 
     Parameters
     ----------
-    flight : at least two records. candidates : library and guards; events and process noise are left out, since they need not replicate.
+    flight : at least two records. candidates : library and guards; process noise is left out.
     base : the declared model, with what any record may have, fitted to the training records; for its effects and starting values.
+    fitted_records : so many of the flight's records, the first ones, are those that are fitted in the end: an event of another is no claim.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
-    that a third replaces, are looked for as a pair. What ``base`` has is claimed with the rest where it stands by itself.
+    that a third replaces, are looked for as a pair. An event, which need not replicate, is looked for beside them. What ``base`` has is claimed
+    with the rest where it stands by itself.
     """
     found: list[CrossValidatedEffect] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or is_event(c) or c.traits.background or _is_of_single_samples(c))]
@@ -59,7 +64,9 @@ def cross_validate(flight: Flight, candidates: Sequence[Traceable], base: Fitted
         pair, results = _pair_instead(flight, usable, steps[0], found)
         compared += results
         found = pair or found
-    return [*([known] if known is not None else []), *found], compared
+    everything = found[-1].best.fitted if found else first
+    event, results = event_that_stands(flight, candidates, everything, fitted_records) if everything is not None else (None, [])
+    return [item for item in (known, *found, event) if item is not None], [*compared, *results]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import why_no_set, why_not
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.equivalents import same_by_value
@@ -26,11 +26,12 @@ from sim.declaration.proposal import Traceable
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """Cross-validated effects: the claims, their set fitted to the training records, and what it predicts of the others."""
+    """Cross-validated effects: the claims, their set fitted to the training records, what it predicts of the others, whether all are events."""
 
     claims: tuple[Claim, ...]
     fitted: FittedModel
     out: HeldOut
+    events_alone: bool = False
 
 
 def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
@@ -40,7 +41,7 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     if held.masks is None or has_process_noise(base.system) or recordings(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
-    chosen, compared = cross_validate(flight, problem.candidates, base)
+    chosen, compared = cross_validate(flight, problem.candidates, base, len(problem.records))
     ledger, chosen, fitted = _as_printed(ledger, base, chosen)
     if fitted is None:
         return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
@@ -52,7 +53,7 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
     said = {item.best.effect.name for item in chosen}
     claims = (*(_of_background(fitted, effect) for effect in base.effects if effect.name not in said), *(_claim(fitted, item) for item in chosen))
-    return ledger, Partial(claims, fitted, predicted_by(fitted, held))
+    return ledger, Partial(claims, fitted, predicted_by(fitted, held), all(is_event(item.best.effect) for item in chosen))
 
 
 def _as_printed(
@@ -65,7 +66,9 @@ def _as_printed(
     left = list(chosen)
     while left:
         added = [item.best.effect for item in left if item.best.effect.name not in base.names]
-        ledger, fitted = fit(ledger, (*base.effects, *added), base, _starts(left))
+        # The place of an event is where it was found, which no start that records share can say.
+        begin = left[-1].best.fitted if is_event(left[-1].best.effect) else base
+        ledger, fitted = fit(ledger, (*base.effects, *added), begin, _starts(left))
         if fitted is None:
             break
         own = [why_not(item.best.effect, most_telling(fitted, item.best.effect), fitted) for item in left]
@@ -97,7 +100,8 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         # Each record has its own value: there is no mean of them to be known.
         own = most_telling(fitted, best.effect)
         alternatives = tuple(dict.fromkeys([*same_by_value(best.effect, own), *alternatives]))[: thresholds.ALTERNATIVES_NAMED]
-        return Claim(best.effect.name, own, alternatives, True, records_of(fitted, best.effect), best.effect.explanation, evidence, weighed=weighed)
+        acts_on = tuple(best.predictions) if is_event(best.effect) else records_of(fitted, best.effect)
+        return Claim(best.effect.name, own, alternatives, True, acts_on, best.effect.explanation, evidence, weighed=weighed)
     found = {
         name: _scattered(quantity, [own[name].value for own in best.replication.values])
         for name, quantity in own_quantities(fitted, best.effect).items()

@@ -28,16 +28,19 @@ def left_out(flight: Flight, fitted: FittedModel, which: Sequence[int] | None = 
     """Each record, or ``which``, predicted by the set fitted to the others, only its own initial state and biases free; None where one fails."""
     fits = {}
     for r in range(len(flight.records)) if which is None else which:
-        record = flight.records[r]
-        trained: FittedModel | None = without_record(fitted, r)
-        if len(flight.records) <= thresholds.WHOLE_REFIT_UP_TO:
-            others = [other for other in range(len(flight.records)) if other != r]
-            trained = flight.fit(fitted.effects, others, fitted.values)
-        frozen = held_out(trained, [record], [flight.masks[r]], informed=False).frozen if trained is not None else None
+        trained = trained_without(flight, fitted, r)
+        frozen = held_out(trained, [flight.records[r]], [flight.masks[r]], informed=False).frozen if trained is not None else None
         if frozen is None:
             return None
         fits[r] = frozen
     return fits
+
+
+def trained_without(flight: Flight, fitted: FittedModel, r: int) -> FittedModel | None:
+    """The set fitted to all records but one; None where it cannot be."""
+    if len(flight.records) > thresholds.WHOLE_REFIT_UP_TO:
+        return without_record(fitted, r)
+    return flight.fit(fitted.effects, [other for other in range(len(flight.records)) if other != r], fitted.values)
 
 
 def within_reach(fitted: FittedModel, effect: Traceable) -> list[int]:
@@ -86,7 +89,7 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         return None
     pairs = [before[r] for r in asked], [after[r] for r in asked]
     lowered, gain = reduction(*pairs), coloured_gain(*pairs)
-    if lowered.total > -thresholds.WORTH:
+    if lowered.total > -_worth(flight, child, finding.effect, lowered):
         why = "it does not lower the error on records left out enough"
         return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
     if belongs_to_record(finding.effect):
@@ -100,9 +103,19 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
         stands, why = False, "a colour of the residual does as well"
+    if stands and flight.witness.evidence(finding.effect.name, most_telling(child, finding.effect)) < -thresholds.STRONG_WITNESS:
+        stands, why = False, "the kinematics speak against it"
     if stands and implausible(finding.effect, most_telling(child, finding.effect)):
         stands, why = False, "its parameters are beyond belief"
     return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+
+
+def _worth(flight: Flight, child: FittedModel, effect: Traceable, lowered: Reduction) -> float:
+    """By how much the error has to fall: by half as much where the kinematics alone find the effect, asked only where that would matter."""
+    least = thresholds.HALF_OF_IT * thresholds.WORTH
+    asked = -thresholds.WORTH < lowered.total <= -least
+    strong = asked and flight.witness.evidence(effect.name, most_telling(child, effect)) > thresholds.STRONG_WITNESS
+    return least if strong else thresholds.WORTH
 
 
 def fitted_change(fitted: FittedModel, child: FittedModel) -> float:

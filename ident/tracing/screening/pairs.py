@@ -16,7 +16,8 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
 
     A few at most, the most promising first.
 
-    Guards, a lag with the delay of the same channel, and signatures that are one and the same make no pair. ``samples`` of the fitted model's fit.
+    Guards, two forms of one effect, a lag with the delay of the same channel, and signatures that are one and the same make no pair.
+    ``samples`` of the fitted model's fit.
     """
     usable = [finding for finding in findings if not finding.effect.traits.guard]
     taken = [finding for finding in usable if finding.effect.name in found]
@@ -24,7 +25,7 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
     falls = [
         (fall, one, other)
         for one, other in combinations(usable, 2)
-        if other.effect.name not in one.effect.traits.twins
+        if other.effect.name not in (one.effect.name, *one.effect.traits.twins)
         and collinear(one, other) < thresholds.COLLINEAR
         and (fall := joint_fall(one, other, samples)) > least + thresholds.PAIR_MARGIN
     ]

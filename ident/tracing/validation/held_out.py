@@ -88,6 +88,21 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
 
 
+def with_event(fitted: FittedModel, record: Record, mask: np.ndarray, event: Traceable, most: int = 2) -> Fit | None:
+    """A fitted model, frozen, on a record that was not fitted, with an event that is looked for there; None where none comes out better.
+
+    ``most`` : places from which it is fitted.
+    """
+    others = _Others(fitted, [record], [mask], None)
+    plain = others.fit_event_by_event()
+    if plain is None:
+        return None
+    starts = [start for found in screen(plain, [event], search_context(plain)) for start in found.starts[:most]]
+    tries = [others.fit([*plain.effects, event], plain, start) for start in starts]
+    best = min((each for each in tries if each is not None), key=lambda each: each.fit.cost, default=None)
+    return best.fit if best is not None and best.fit.cost < plain.fit.cost else None
+
+
 def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozenset[str], FittedModel], held: HeldOutData) -> list[Candidate]:
     """The evidence with the change of the held-out error by each candidate whose set was kept: of a geometric mean over the samples.
 

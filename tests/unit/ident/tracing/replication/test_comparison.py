@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Quantity
+from ident.tracing.diagnosis import Quantity, Silent
 from ident.tracing.replication.by_record import Flight, Replication
 from ident.tracing.replication.comparison import CrossValidation, choose
 from ident.tracing.replication.error_reduction import reduction
@@ -86,10 +86,12 @@ def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> Non
     one, other = standing(LATE, fitted, before, 0.600), standing(SCALED, fitted, before, 0.605)
     asked: list[str] = []
 
-    def witness(effect: str, parameters: Mapping[str, Quantity]) -> int:
-        asked.append(effect)
-        return int(effect == SCALED.name and parameters["scale"].value > 0)
+    class ForTheScale(Silent):
+        def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
+            asked.append(effect)
+            return int(effect == SCALED.name and parameters["scale"].value > 0)
 
+    witness = ForTheScale()
     assert (first := choose([one, other])) is not None and first.best is one
     assert (second := choose([one, other], witness)) is not None and second.best is other and [item.effect for item in second.others] == [LATE]
     assert sorted(asked) == sorted([LATE.name, SCALED.name])

@@ -1,0 +1,93 @@
+"""Can an event be claimed where what remains is not noise? It happens once, so that it cannot replicate.
+
+Its numbers on a record that was left out are learnt from that record and paid for, and so is the search for its place. What tells an event
+from a model that is wrong throughout is that it stands alone: the same search on the other records finds nothing like it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, is_event, local_names
+from ident.tracing.replication.by_record import Flight, Replication
+from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
+from ident.tracing.replication.error_reduction import reduction
+from ident.tracing.replication.weighing import left_out, trained_without
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import Finding, screen
+from ident.tracing.selection.expansion import near_absence
+from ident.tracing.validation.held_out import with_event
+from ident.tracing.weighed import ComparedSet
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.proposal import Traceable
+
+
+def event_that_stands(
+    flight: Flight, candidates: Sequence[Traceable], fitted: FittedModel, most: int
+) -> tuple[CrossValidatedEffect | None, list[CrossValidation]]:
+    """An event of one of the first ``most`` records that stands beside what is in a set fitted to all records, and all that was tried."""
+    before = left_out(flight, fitted)
+    events = [item for item in candidates if is_event(item) and not item.traits.guard and item.name not in fitted.names]
+    found = screen(fitted, events, search_context(fitted)) if before is not None else []
+    best = found[0].gain if found else 0.0
+    usable = [item for item in found if item.gain > max(flight.settings.accept, thresholds.HOPELESS_IN_SEARCH * best)]
+    if before is None or not usable:
+        return None, []
+    trained = [trained_without(flight, fitted, r) for r in range(len(flight.records))]
+    results = [item for finding in usable if (item := _weighed(flight, fitted, finding, before, trained, most)) is not None]
+    ordered = sorted(results, key=lambda item: -item.gain)
+    if not ordered or not ordered[0].stands:
+        # One that brings most and does not stand alone says that none does.
+        return None, results
+    first, standing = ordered[0], [item for item in ordered if item.stands]
+    alike = [item for item in standing[1:] if 2.0 * (first.gain - item.gain) < thresholds.ALTERNATIVE]
+    sets = tuple(ComparedSet((item.effect.name,), 2.0 * (first.gain - item.gain)) for item in standing)
+    return CrossValidatedEffect(first, tuple(alike), sets), results
+
+
+def _weighed(
+    flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit], trained: Sequence[FittedModel | None], most: int
+) -> CrossValidation | None:
+    """An event tried on each record left out: it stands where one record shows it and no other anything like it."""
+    gains: dict[int, tuple[float, Fit]] = {}
+    for r, model in enumerate(trained):
+        fit = with_event(model, flight.records[r], flight.masks[r], finding.effect) if model is not None else None
+        if fit is not None:
+            price = 0.5 * (len(free_names(finding.effect)) * np.log(float(fit.counts.sum())) + flight.settings.event)
+            gains[r] = float(coloured_gain([before[r]], [fit]) - price), fit
+    if not gains:
+        return None
+    where = max(gains, key=lambda r: gains[r][0])
+    gain, after = gains[where]
+    rest = max((value for r, (value, _) in gains.items() if r != where), default=0.0)
+    child = flight.fit((*fitted.effects, finding.effect), range(len(flight.records)), _begun(fitted, finding, where, after))
+    if child is None:
+        return None
+    stands, why = _alone(gain, rest, where, most, thresholds.LONE_EVENT)
+    return CrossValidation(
+        finding.effect, finding, child, reduction([before[where]], [after]), Replication((), stands), gain, stands, why, {where: after}
+    )
+
+
+def _begun(fitted: FittedModel, finding: Finding, where: int, found: Fit) -> Values:
+    """Values of a fitted model, with the event as it was ``found`` in record ``where`` and hardly there in the others."""
+    names, values = local_names(finding.effect), fitted.values
+    here = {name: float(found.theta[found.layout.names.index(name)]) for name in names}
+    elsewhere = {**here, **{name: value for name, value in near_absence(finding.effect, here).items() if name in names}}
+    own = tuple({**mine, **(here if r == where else elsewhere)} for r, mine in enumerate(values.own))
+    return Values(values.shared, own, values.states)
+
+
+def _alone(gain: float, rest: float, where: int, most: int, least: float) -> tuple[bool, str]:
+    """Whether an event that brings ``gain`` on record ``where``, and at most ``rest`` on any other, stands; and why not."""
+    if where >= most:
+        return False, "it happens in a record that is not fitted"
+    if gain < least:
+        return False, "a colour of the residual does as well"
+    if gain < thresholds.STANDS_ALONE * rest:
+        return False, "other records show as much: it is no event"
+    return True, "one-step predictions find it in one record, and nothing like it in the others"
