@@ -29,9 +29,8 @@ WITH_LOAD_FACTOR = "a record with the load factor as well: kinematics then tie t
 class SensorScale:
     """The recorded channel is ``scale`` times the true one, before the bias is added.
 
-    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude it is offered for simulation but never
-    proposed by a search: another start and beta make nearly the same fall (of three percent a seventh of
-    the noise is left), so that all it could add is a wrong name for a denser or warmer atmosphere.
+    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude only a large one shows: another start and beta make nearly the
+    same fall (of three percent a seventh of the noise is left).
     """
 
     channel: str
@@ -46,7 +45,7 @@ class SensorScale:
         "wrong range setting any amount. One scaled channel contradicts the others: the kinematics alpha_dot = q - (g/V)(nz - 1) join the three "
         "without any aerodynamics, so that with alpha, q and nz at hand a single scale shows. With two channels it only changes the derivatives: "
         "the lift slope for alpha, all moment derivatives for q, and the record cannot say which is at fault. An altitude scaled together with the "
-        "density's scale height and with beta gives the same fall but for gravity, and is therefore not searched for."
+        "density's scale height and with beta gives the same fall but for gravity: only where it is large does it show."
     )
 
     @property
@@ -67,7 +66,7 @@ class SensorScale:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return () if self.channel == "altitude" else [Probe({"scale": 1.0}, ("scale",))]
+        return [Probe({"scale": 1.0}, ("scale",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         return {self.channel: p.scale * y[self.channel]}
