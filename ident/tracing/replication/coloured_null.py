@@ -50,3 +50,22 @@ def innovation_level(residual: np.ndarray, valid: np.ndarray) -> float:
         variance *= max(1.0 - reflection**2, 1e-12)
         best = min(best, np.log(variance) + order * np.log(count) / count)
     return float(best)
+
+
+def explained_share(before: Sequence[Fit], after: Sequence[Fit]) -> float:
+    """Share of what could be explained that one prediction explains of another, in ln(error), over the channels of held-out records.
+
+    What could be explained reaches down to the one-step innovations of the better one: of what follows from its past, nothing is noise.
+    One where nothing is left to explain.
+    """
+    explained = possible = 0.0
+    for one, two in zip(before, after, strict=True):
+        valid = one.layout.problems[0].valid
+        for i in np.flatnonzero(one.layout.used & two.layout.used):
+            if np.count_nonzero(valid[i]) <= 4 * thresholds.AUTOREGRESSION:
+                continue
+            level = 2.0 * np.log(max(float(np.std(one.residuals[0][i][valid[i]])), SILENT))
+            noise = min(innovation_level(each.residuals[0][i], valid[i]) for each in (one, two))
+            explained += level - 2.0 * float(np.log(max(float(np.std(two.residuals[0][i][valid[i]])), SILENT)))
+            possible += level - noise
+    return explained / possible if possible > 0.0 else 1.0

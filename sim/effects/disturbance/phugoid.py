@@ -17,6 +17,7 @@ from sim.maths.constants import G0
 
 SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
+BELIEVED = (-0.06, 0.06)  # three times what is known of the moment beforehand
 EVEN_CHANGE = 0.01  # rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite level does
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the attitude, so few places reach all
 
@@ -69,7 +70,7 @@ class Phugoid:
             ),
             short_name="phugoid",
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
-            plausible={} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST)},
+            plausible={"trim_moment": BELIEVED} | ({} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST)}),
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
             per_record=not self.speed_recorded,
             of_aircraft=() if self.speed_recorded else ("speed_damping", "induced_drag", "trim_moment"),
