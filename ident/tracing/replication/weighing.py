@@ -11,8 +11,8 @@ from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.quantities import implausible
-from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, replicate
-from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, recordings, replicate
+from ident.tracing.replication.coloured_null import coloured_gain, explained_share
 from ident.tracing.replication.comparison import CrossValidation
 from ident.tracing.replication.each_its_own import own_values, predicted_gains, stands_by_prediction
 from ident.tracing.replication.error_reduction import Reduction, reduction
@@ -99,6 +99,8 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
     else:
         copies = replicate(flight, child, finding.effect)
         stands, why = _judged(lowered, copies)
+    if stands and recordings(flight.records) < thresholds.FEWEST_RECORDS and min(map(_share, *pairs)) < thresholds.HALF_OF_IT:
+        stands, why = False, "with two records it has to explain half of what each leaves"
     if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
@@ -108,6 +110,10 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
     if stands and implausible(finding.effect, most_telling(child, finding.effect)):
         stands, why = False, "its parameters are beyond belief"
     return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+
+
+def _share(before: Fit, after: Fit) -> float:
+    return explained_share([before], [after])
 
 
 def _worth(flight: Flight, child: FittedModel, effect: Traceable, lowered: Reduction) -> float:
