@@ -86,6 +86,9 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
             break
         ledger, compared = _with(ledger, compared, further, held)
         leading, totals = _leading(compared, held)
+    ledger, compared, outdone = _outdone_by_guard(ledger, compared, compared[leading][0], held)
+    if outdone is not None:
+        return ledger, Choice(*outdone)
     misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
     chosen, fits = compared[leading]
     if not held.choosing and chosen is not best:
@@ -101,6 +104,26 @@ def _leading(compared: Compared, held: HeldOutData) -> tuple[Key, Mapping[Key, f
     models = {key: fitted for key, (fitted, _) in compared.items()}
     totals = told_by_declared({key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}, models)
     return _likelier_cause(models, totals), totals
+
+
+def _outdone_by_guard(
+    ledger: Ledger, compared: Compared, best: FittedModel, held: HeldOutData
+) -> tuple[Ledger, Compared, tuple[FittedModel, HeldOut] | None]:
+    """All compared sets, those with a guard in the place of an effect of the best among them, and one that wins where it was not fitted, too.
+
+    On the fitted record alone a guard may have tied; it has to win by as much as anywhere (``thresholds.GUARD_TIE``).
+    """
+    if not held.choosing:
+        return ledger, compared, None
+    mine = frozenset(best.names)
+    rivals = [m for key, m in ledger.models.items() if m.guards and len(key) == len(mine) and len(key - mine) == 1 and key not in compared]
+    near = [m for m in rivals if m.criterion - best.criterion < ledger.problem.settings.near]
+    ledger, compared = _with(ledger, compared, sorted(near, key=lambda m: m.criterion)[: thresholds.GUARDS_COMPARED], held)
+    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    guards = [key for key in compared if key & ledger.problem.guards]
+    first = min(guards, key=lambda key: totals[key], default=mine)
+    won = first != mine and totals[first] < totals[mine] - thresholds.GUARD_TIE
+    return ledger, compared, compared[first] if won else None
 
 
 def _with(ledger: Ledger, compared: Compared, sets: Sequence[FittedModel], held: HeldOutData) -> tuple[Ledger, Compared]:

@@ -45,6 +45,7 @@ DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's
 SAMPLES_THAT_MAY_DOMINATE = 3  # chosen: evidence must not depend on as many samples as a spike and its neighbours are
 
 # Which of two sets is kept? Differences of twice the log likelihood.
+GUARDS_COMPARED = 2  # on data that were not fitted. chosen, for time
 GUARD_TIE = 12.0  # chosen: a guard has to win by more than an addition has to bring (``TraceSettings.accept``), and two more
 AMBIGUOUS = 3.0  # chosen: odds of 4.5 to one; below it two names are equal
 ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as an alternative

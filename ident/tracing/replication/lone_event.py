@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, is_event, local_names
-from ident.tracing.replication.by_record import Flight, Replication
+from ident.tracing.replication.by_record import Flight, Replication, recordings
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
@@ -35,7 +35,7 @@ def event_that_stands(
     found = screen(fitted, events, search_context(fitted)) if before is not None else []
     best = found[0].gain if found else 0.0
     usable = [item for item in found if item.gain > max(flight.settings.accept, thresholds.HOPELESS_IN_SEARCH * best)]
-    if before is None or not usable:
+    if before is None or not usable or recordings(flight.records) < thresholds.FEWEST_RECORDS:
         return None, []
     trained = [trained_without(flight, fitted, r) for r in range(len(flight.records))]
     results = [item for finding in usable if (item := _weighed(flight, fitted, finding, before, trained, most)) is not None]

@@ -96,6 +96,8 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         each, copies = predicted_gains(pairs[0], pairs[1], finding.effect), own_values(child, finding.effect)
         gain = float(np.sum(each))
         stands, why = stands_by_prediction(each, lowered, copies)
+        if recordings(flight.records) < thresholds.FEWEST_RECORDS and not finding.effect.traits.background:
+            stands, why = False, "of two records, each with its own value, nothing replicates"
     else:
         copies = replicate(flight, child, finding.effect)
         stands, why = _judged(lowered, copies)
