@@ -89,6 +89,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     ledger, compared, outdone = _outdone_by_guard(ledger, compared, compared[leading][0], held)
     if outdone is not None:
         return ledger, Choice(*outdone)
+    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()} | dict(totals)
     misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
     chosen, fits = compared[leading]
     if not held.choosing and chosen is not best:
