@@ -16,9 +16,10 @@ import numpy as np
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
+from ident.tracing.belief.evenness import is_even
 from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.quantities import quantities
+from ident.tracing.candidate_model.quantities import quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.replication.coloured_null import innovation_level
 from ident.tracing.selection.ledger import Ledger, fit
@@ -55,7 +56,9 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
         if not isinstance(effect, NoiseEffect):
             continue
         ledger, fitted = fit(ledger, (*base.effects, effect), base)
-        if fitted is None or why_not(effect, quantities(fitted, effect), fitted) is not None:
+        if fitted is None or not stands_out_somewhere(fitted, effect, thresholds.CLEARLY_OFF_ABSENCE):
+            continue
+        if why_not(effect, quantities(fitted, effect), fitted) is not None:
             continue
         gains = [predicted(fitted, one) for one in known]
         ledger = ledger.told(evidence=[_evidence(base, fitted, gains)])
@@ -77,28 +80,6 @@ def predicted(fitted: FittedModel, frozen: Fit) -> Predicted:
     mine = predictive_log_likelihood([problem.record], fitted.system, fitted.values.shared, levels, settings, masks=[problem.valid])
     coloured = sum(_log_likelihood(frozen.residuals[0][i], problem.valid[i]) for i in np.flatnonzero(frozen.layout.used))
     return Predicted(mine - frozen.log_likelihood, coloured - frozen.log_likelihood)
-
-
-def is_even(fits: Sequence[Fit]) -> bool:
-    """Whether what is left is as large where the aircraft hardly moves as where it does: rank correlation over seconds of all records."""
-    from scipy.stats import spearmanr
-
-    moved, left = (np.concatenate(rows) for rows in zip(*(_by_second(fit, r) for fit in fits for r in range(len(fit.lines))), strict=True))
-    if len(moved) < thresholds.FEWEST_SECONDS:
-        return False
-    return float(spearmanr(moved, left, alternative="greater").pvalue) > thresholds.EVEN
-
-
-def _by_second(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of the simulated motion, each output about its median and over its own size, and of the residual, second by second."""
-    time, y = fit.layout.problems[r].record.time, fit.lines[r].y
-    away = y - np.median(y, axis=1, keepdims=True)
-    moved = np.mean((away / (np.std(away, axis=1, keepdims=True) + 1e-300)) ** 2, axis=0)
-    left = np.mean(fit.residuals[r] ** 2 / fit.variance[:, None], axis=0)
-    edges = np.searchsorted(time, np.arange(time[0], time[-1], 1.0))
-    counts = np.diff(np.append(edges, len(time)))
-    inside = counts > 0
-    return np.add.reduceat(moved, edges[inside]) / counts[inside], np.add.reduceat(left, edges[inside]) / counts[inside]
 
 
 def _log_likelihood(residual: np.ndarray, valid: np.ndarray) -> float:

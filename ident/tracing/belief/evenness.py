@@ -1,0 +1,44 @@
+"""Is what is left as large where the aircraft hardly moves as where it does? Rough air is; what a model of the forces lacks is not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.tracing import thresholds
+from ident.whole_record.gauss_newton import Fit
+
+
+def is_even(fits: Sequence[Fit]) -> bool:
+    """Whether enough seconds of all records say so."""
+    chance = chance_that_even(fits)
+    return chance is not None and chance > thresholds.EVEN
+
+
+def is_uneven(fits: Sequence[Fit]) -> bool:
+    """Whether enough seconds of all records deny it."""
+    chance = chance_that_even(fits)
+    return chance is not None and chance <= thresholds.EVEN
+
+
+def chance_that_even(fits: Sequence[Fit]) -> float | None:
+    """P-value of the rank correlation of what is left with the motion, over seconds of all records; None with too few of them."""
+    from scipy.stats import spearmanr
+
+    moved, left = (np.concatenate(rows) for rows in zip(*(_by_second(fit, r) for fit in fits for r in range(len(fit.lines))), strict=True))
+    if len(moved) < thresholds.FEWEST_SECONDS:
+        return None
+    return float(spearmanr(moved, left, alternative="greater").pvalue)
+
+
+def _by_second(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean square of the simulated motion, each output about its median and over its own size, and of the residual, second by second."""
+    time, y = fit.layout.problems[r].record.time, fit.lines[r].y
+    away = y - np.median(y, axis=1, keepdims=True)
+    moved = np.mean((away / (np.std(away, axis=1, keepdims=True) + 1e-300)) ** 2, axis=0)
+    left = np.mean(fit.residuals[r] ** 2 / fit.variance[:, None], axis=0)
+    edges = np.searchsorted(time, np.arange(time[0], time[-1], 1.0))
+    counts = np.diff(np.append(edges, len(time)))
+    inside = counts > 0
+    return np.add.reduceat(moved, edges[inside]) / counts[inside], np.add.reduceat(left, edges[inside]) / counts[inside]
