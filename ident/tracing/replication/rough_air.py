@@ -15,6 +15,7 @@ import numpy as np
 
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
+from ident.statistics.rank_correlation import p_value_of_growth
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
@@ -81,12 +82,10 @@ def predicted(fitted: FittedModel, frozen: Fit) -> Predicted:
 
 def is_even(fits: Sequence[Fit]) -> bool:
     """Whether what is left is as large where the aircraft hardly moves as where it does: rank correlation over seconds of all records."""
-    from scipy.stats import spearmanr
-
     moved, left = (np.concatenate(rows) for rows in zip(*(_by_second(fit, r) for fit in fits for r in range(len(fit.lines))), strict=True))
     if len(moved) < thresholds.FEWEST_SECONDS:
         return False
-    return float(spearmanr(moved, left, alternative="greater").pvalue) > thresholds.EVEN
+    return p_value_of_growth(moved, left) > thresholds.EVEN
 
 
 def _by_second(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
