@@ -15,7 +15,6 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-
 SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
 
 
