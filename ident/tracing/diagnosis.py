@@ -181,6 +181,7 @@ class Diagnosis:
         fitted, but took part in choosing effects.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
+    stopped : the search, or a stage of it, ended at its means.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
@@ -205,6 +206,7 @@ class Diagnosis:
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
     used_to_choose: bool = False
+    stopped: bool = False
 
 
 def silent(effect: str, parameters: Mapping[str, Quantity]) -> int:
