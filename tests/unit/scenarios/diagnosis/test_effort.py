@@ -39,7 +39,9 @@ def test_an_effort_that_there_is_not_is_refused_in_one_line() -> None:
 def test_the_request_sets_what_the_loop_is_given(effort: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[TraceSettings] = []
 
-    def loop(records: Sequence[Record], model: Any, candidates: Any, guards: Any, validation: Any, settings: TraceSettings, *rest: Any) -> Diagnosis:
+    def loop(
+        records: Sequence[Record], model: Any, candidates: Any, guards: Any, validation: Any, settings: TraceSettings, progress: Any, witness: Any
+    ) -> Diagnosis:
         given.append(settings)
         return diagnosis_of(Verdict.TRACED, RIGID, tuple(records), tuple(validation))
 
