@@ -129,6 +129,7 @@ def diagnose(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
+    effort: Annotated[str, typer.Option("--effort", metavar="E", help="How far the search looks: normal, thorough.")] = "normal",
     out: Out = None,
     figures: Figures = True,
 ) -> None:
@@ -136,7 +137,7 @@ def diagnose(
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan), out, figures)
+    diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort), out, figures)
 
 
 @app.command()

@@ -31,7 +31,7 @@ _NEEDS = {
 SHORTEST = 20  # samples
 
 
-def compatibility(records: Sequence[Record], settings: CompatibilitySettings) -> Compatibility:
+def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True) -> Compatibility:
     """Flight-path reconstruction from records of one set of sensors.
 
     Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
@@ -40,6 +40,7 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
     Parameters
     ----------
     records : channels of ``measured_channels``; those that all records have are used. settings : constants and limits.
+    each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings) ->
     whole = fit(signals, begin=_together(bases)) if together else bases[0]
     found = search(whole, faults_of(used, drifts=not together), bases, settings)
     joint = _result(found, bias_estimates(whole) if not together else ())
-    single = [_by_itself(base, found, settings, len(bases)) for base in bases] if together else [joint]
+    single = [_by_itself(base, found, settings, len(bases)) for base in bases if each] if together else [joint]
     if found.early is not None:
         ahead = -1000.0 * found.early
         notes.append(

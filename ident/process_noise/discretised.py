@@ -171,9 +171,13 @@ def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
 def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Phi and Q over each step, ``(K or 1, V, n, n)``, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
     low, high = float(steps.min()), float(steps.max())
+    even = high - low <= 1e-9 * high
     if len(F) > 1:
-        return discretised(F, density, steps[:, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
-    if high - low <= 1e-9 * high:
+        steps = np.full(len(steps), steps.mean()) if even else steps
+        at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
+        Phi, Q = discretised(F[at], density, steps[at, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
+        return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
+    if even:
         return discretised(F, density, np.full((1, 1), steps.mean()))
     # One F and many steps: the result is a smooth function of the step.
     angle = np.pi * (np.arange(_KNOTS) + 0.5) / _KNOTS
@@ -181,6 +185,22 @@ def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[
     share = _barycentric(knots, (-1.0) ** np.arange(_KNOTS) * np.sin(angle), steps)
     Phi, Q = discretised(np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None])
     return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
+
+
+def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
+    """Where each different row of ``rows (K, c)`` comes first, and which of these each row is.
+
+    A dead band or a limit changes F at a few inputs only: most of a record's steps are one of few.
+    """
+    first: dict[bytes, int] = {}
+    at: list[int] = []
+    back = []
+    for k, row in enumerate(np.ascontiguousarray(rows)):
+        number = first.setdefault(row.tobytes(), len(at))
+        if number == len(at):
+            at.append(k)
+        back.append(number)
+    return at, back
 
 
 def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.ndarray:

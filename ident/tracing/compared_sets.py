@@ -3,11 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.belief.evenness import is_uneven
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.ranking import Choice
 from ident.tracing.selection.ledger import Key, Ledger
+from ident.tracing.validation.held_out import HeldOutData, predicted_by
 from ident.tracing.weighed import ComparedSet
+from sim.declaration.effect import NoiseEffect
+
+
+def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
+    """The choice with all that it was compared with, and whether what its process noise stands for goes with the motion."""
+    return replace(choice, sets=sets_compared(ledger, choice), uneven=_goes_with_motion(ledger, choice.best, held))
+
+
+def _goes_with_motion(ledger: Ledger, best: FittedModel, held: HeldOutData) -> bool:
+    """Whether the set without its process noise leaves more where the aircraft moves: rough air does not know of that."""
+    plain = ledger.models.get(frozenset(effect.name for effect in best.effects if not isinstance(effect, NoiseEffect)))
+    if not has_process_noise(best.system) or plain is None or has_process_noise(plain.system):
+        return False
+    frozen = predicted_by(plain, held, informed=False).frozen
+    return is_uneven([plain.fit, *([frozen] if frozen is not None else [])])
 
 
 def sets_compared(ledger: Ledger, choice: Choice) -> tuple[ComparedSet, ...]:

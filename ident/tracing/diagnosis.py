@@ -47,6 +47,7 @@ class Concern(Enum):
     UNDETERMINED = "what fits best has numbers that the records do not determine"
     ROWS_MISSING = "what fits best acts where rows are missing"
     DERIVATIVES = "a derivative is far from what the vehicle file says"
+    GOES_WITH_MOTION = "what process noise would explain goes with the motion"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
 
 
@@ -192,6 +193,7 @@ class Diagnosis:
         fitted, but took part in choosing effects.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
+    stopped : the search, or a stage of it, ended at its means.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
@@ -216,6 +218,7 @@ class Diagnosis:
     scatter: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
     used_to_choose: bool = False
+    stopped: bool = False
 
 
 class Silent:

@@ -11,7 +11,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
-from ident.tracing.compared_sets import sets_compared
+from ident.tracing.compared_sets import weighed
 from ident.tracing.diagnosis import Claim, Concern, Diagnosis, Verdict, Witness, silent
 from ident.tracing.ranking import Choice, believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
@@ -75,7 +75,7 @@ def diagnose(
     ledger, choice = believable_choice(found.ledger, found.best, found.held)
     if validation:
         ledger = replace(ledger, evidence=tuple(with_held_out_change(ledger.evidence, ledger.models, found.held)))
-    choice = replace(choice, sets=sets_compared(ledger, choice))
+    choice = weighed(ledger, choice, found.held)
     judgement = judge(ledger.problem, found.root, choice, found.spikes, found.held)
     if judgement.verdict is Verdict.UNEXPLAINED:
         ledger, judgement = what_replicates(replace(found, ledger=ledger), judgement)
@@ -239,7 +239,7 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
         ledger, further = extended(ledger, found.root, partial.fitted)
         ledger, further = without_needless_background(ledger, further)
         ledger, choice = believable_choice(ledger, further, held)
-        choice = replace(choice, sets=sets_compared(ledger, choice))
+        choice = weighed(ledger, choice, held)
         again = judge(problem, found.root, choice, found.spikes, held)
         if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
             return ledger, again

@@ -28,7 +28,7 @@ class Choice:
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part in choosing. Empty where nothing was compared. ``sets`` : the same for the probability of
-    names, with others that the search passed; empty until it is asked.
+    names, with others that the search passed; empty until it is asked. ``uneven`` : what its process noise stands for goes with the motion.
     """
 
     best: FittedModel
@@ -36,6 +36,7 @@ class Choice:
     totals: Mapping[Key, float] = field(default_factory=dict)
     misfits: Mapping[Key, float] = field(default_factory=dict)
     sets: tuple[ComparedSet, ...] = ()
+    uneven: bool = False
 
 
 def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:

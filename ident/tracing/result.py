@@ -117,6 +117,7 @@ def reported(
         scatter=after.scatter.scatter,
         inflation=inflation,
         used_to_choose=held.choosing,
+        stopped=ledger.stopped or len(best.foreground) >= problem.settings.depth,
     )
 
 

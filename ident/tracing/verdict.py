@@ -113,6 +113,9 @@ def verdict_on(
         return Verdict.UNEXPLAINED, [Caution(Concern.GUARD, told), *left]
     if left:
         return Verdict.UNEXPLAINED, left
+    if choice.uneven:
+        told = "what fits best is turbulence, but what it would explain comes and goes with the motion: the cause is another"
+        return Verdict.UNEXPLAINED, [Caution(Concern.GOES_WITH_MOTION, told)]
     doubts = cautions_of(root, best, [(effect, quantities(best, effect)) for effect in best.effects])
     if doubts:
         return Verdict.UNEXPLAINED, doubts

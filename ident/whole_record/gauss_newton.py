@@ -20,6 +20,7 @@ from ident.whole_record.layout import ROUNDING, FitLayout, FitSettings
 from ident.whole_record.linearise import Linearisation, linearise
 from ident.whole_record.noise_model import NoiseModel, WeightedResiduals
 
+_LEAST_DAMPING = 1e-12  # of a step where a quadratic holds
 _REMEMBERED = 4  # steps whose change of gradient is used
 _NOTHING = 1e-3  # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04 sigmas)
 _NEAR = 1.0  # gain of log likelihood by a step below which its change of gradient is taken for curvature at the optimum
@@ -121,7 +122,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
     curved = bool(noise_model.names)
-    floor = settings.least_damping if curved else 1e-12
+    floor = settings.least_damping if curved else _LEAST_DAMPING
     moves: list[tuple[np.ndarray, np.ndarray]] = []
     gradient = fit.normal_equations()[1]
     model = local_model(*fit.normal_equations(), fit.theta, low, high)
@@ -132,8 +133,10 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         trial = evaluate(problem, trial_theta, carried(fit, trial_theta))
         if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
-            before, fit, damping = fit, trial, max(damping / 10.0, floor)
+            before, fit = fit, trial
             gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
+            # Near the optimum no damping goes too far, and any would creep along what the data know a hundredth as well.
+            damping = max(damping / 10.0, floor if gain > _NEAR else _LEAST_DAMPING)
             if curved and gain < _NEAR:
                 moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
             model, gradient = local_model(_with_curvature(information, moves), after, fit.theta, low, high), after

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.whole_record.first_guess import known_states
-from ident.whole_record.record_problem import RecordProblem, guess_states, record_problem
+from ident.whole_record.record_problem import RecordProblem, record_problem
+from ident.whole_record.trajectory_guess import guess_states
 from sim.declaration.parameters import Parameter
 from sim.declaration.system import System
 from sim.errors import ModelError

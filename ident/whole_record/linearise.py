@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
-from ident.whole_record.record_problem import INCREMENT, RecordProblem, _driven_by
+from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import Drive
 
@@ -110,7 +110,7 @@ def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
     system = problem.system
     acting = tuple(q for q, index in enumerate(problem.free) if system.parameters.items[index].name in system.input_parameters)
     few = _shifted(problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting))
-    return _Driven(_driven_by(problem.record, system, few, problem.grid), acting)
+    return _Driven(driven_by(problem.record, system, few, problem.grid), acting)
 
 
 def join_intervals(A: np.ndarray, B: np.ndarray, defects: np.ndarray, starts: Sequence[int], first: np.ndarray) -> np.ndarray:

@@ -1,16 +1,14 @@
-"""One record laid out for a whole-record fit: its grid, the inputs on it, what was measured, and a first guess of the states."""
+"""One record laid out for a whole-record fit: its grid, the inputs on it, and what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from ident.whole_record.first_guess import known_states
 from sim.declaration.system import System
 from sim.propagation.grid import Drive, Grid, drive_from_record, make_grid, recorded_drive
 from sim.propagation.integrate import Step, rk4_step
@@ -61,7 +59,7 @@ def record_problem(
     acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
     drive = None
     if not system.input_parameters.intersection(item.name for item in items):
-        drive = _driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
+        drive = driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
     increment = INCREMENT * np.array(sizes, dtype=float)
     return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)
@@ -73,30 +71,6 @@ def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple
     return grid, recorded_drive(record.input_array(inputs), record.time, record.hold, grid)
 
 
-def _driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
+def driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
+    """A record's inputs at the vehicle, through the input path at parameters ``p``."""
     return drive_from_record(system, p, record.input_array(system.input_names), record.time, record.hold, grid)
-
-
-def guess_states(problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated between.
-
-    Bounded also where the model alone would run away, which a simulation from a wrong start would not be.
-    """
-    system, grid, record = problem.system, problem.grid, problem.record
-    measured = {i: np.interp(grid.nodes, time, values) for i, (time, values) in known_states(record, system, p).items()}
-    if len(measured) == len(system.states):
-        return np.array([measured[i] for i in range(len(measured))])
-    drive = _driven_by(record, system, p, grid)
-    stages = [[row.tolist() for row in stage] for stage in drive.stages]
-    x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
-    times, steps, p = grid.edges.tolist(), grid.steps.tolist(), [float(v) for v in p]
-    for k in range(len(grid.nodes)):
-        for i, values in measured.items():
-            x[i] = float(values[k])
-        out[:, k] = x
-        if k < len(grid.nodes) - 1:
-            for s in range(k * grid.substeps, (k + 1) * grid.substeps):
-                u = ([row[s] for row in stages[0]], [row[s] for row in stages[1]], [row[s] for row in stages[2]])
-                with suppress(ArithmeticError, ValueError):  # beyond the range of floats the last state serves as well as any
-                    x = problem.step(system.f, times[s], x, u, p, steps[s])
-    return np.nan_to_num(np.clip(out, -1e12, 1e12))

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.settings import TraceSettings
+from ident.tracing.settings import NORMAL
 from scenarios.diagnosis.candidates import candidates_for, read_effects
+from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.overflows import Overflows, Trace
@@ -54,6 +55,7 @@ class Tracing:
     effects that are not the library's. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
+    ``effort``: how far the search looked.
     """
 
     diagnosis: Diagnosis
@@ -70,6 +72,7 @@ class Tracing:
     kinematics: Kinematics | None = None
     look: RawLook = NOTHING_SEEN
     overflows: int = 0
+    effort: str = NORMAL.effort
 
     @property
     def stick_unit(self) -> str:
@@ -118,6 +121,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     from sim.effects.library import guards_for
 
     refuse_unknown_model(request.model, "--model")
+    settings = settings_of(request.effort)
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
     vehicle_path = _vehicle_path(request)
     progress("reading", 0.0)
@@ -129,11 +133,11 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     overflows = Overflows()
     run = overflows.counted(trace or _loop())
     guards = guards_for(posed.model.equations)
-    diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, TraceSettings(), progress, witness)
+    diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
     part = moves_between_samples(diagnosis, candidates, posed.records)
     if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
         linear = _posed(opened, replace(request.plan, hold=Hold.LINEAR))
-        again = run(linear.records, linear.model, candidates, guards, linear.predicted, TraceSettings(), progress, witness)
+        again = run(linear.records, linear.model, candidates, guards, linear.predicted, settings, progress, witness)
         if no_worse(again, diagnosis) if part else better(again, diagnosis):
             posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
         elif not part:
@@ -155,6 +159,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
         posed.look,
         overflows.count,
+        settings.effort,
     )
 
 

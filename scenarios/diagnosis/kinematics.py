@@ -85,7 +85,7 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) ->
     if not chosen:
         return Kinematics((), None, f"no record measures {', '.join(NEEDED)} together: their kinematics cannot be checked")
     try:
-        return Kinematics(names, compatibility(chosen, settings))
+        return Kinematics(names, compatibility(chosen, settings, each=False))
     except (FlightidError, ArithmeticError, ValueError) as error:
         # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))

@@ -24,6 +24,7 @@ class Request:
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
     validate : files that are predicted, whole. effects : a user's Python file; it is run.
     channels : a channel map, for all records.
+    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
     """
 
@@ -34,6 +35,7 @@ class Request:
     effects: Path | None = None
     channels: Path | None = None
     plan: Plan = field(default_factory=Plan)
+    effort: str = "normal"
 
 
 def column_choices(request: Request) -> Mapping[str, ColumnChoice] | None:

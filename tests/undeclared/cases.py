@@ -79,11 +79,11 @@ def write_case(case: Case, folder: Path) -> None:
     flights.write_vehicle(folder / "vehicle.toml", flights.wrong_start(case.aircraft, rng))
 
 
-def diagnosed(folder: Path, model: str, sigma: Mapping[str, float]) -> Answer:
+def diagnosed(folder: Path, model: str, sigma: Mapping[str, float], effort: str = "normal") -> Answer:
     """Run `python -m scenarios diagnose` on the files of a folder and read what it wrote."""
     out = folder / "out"
     command = [sys.executable, "-m", "scenarios", "diagnose", str(folder / "train.csv"), "--model", model, "--vehicle", str(folder / "vehicle.toml")]
-    command += ["--validate", str(folder / "validate.csv"), "--out", str(out), "--no-figures"]
+    command += ["--validate", str(folder / "validate.csv"), "--out", str(out), "--no-figures", "--effort", effort]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     run = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=400)
     assert run.returncode == 0, run.stderr

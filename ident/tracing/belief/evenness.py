@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.statistics.rank_correlation import p_value_of_growth
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
 
@@ -24,12 +25,10 @@ def is_uneven(fits: Sequence[Fit]) -> bool:
 
 def chance_that_even(fits: Sequence[Fit]) -> float | None:
     """P-value of the rank correlation of what is left with the motion, over seconds of all records; None with too few of them."""
-    from scipy.stats import spearmanr
-
     moved, left = (np.concatenate(rows) for rows in zip(*(_by_second(fit, r) for fit in fits for r in range(len(fit.lines))), strict=True))
     if len(moved) < thresholds.FEWEST_SECONDS:
         return None
-    return float(spearmanr(moved, left, alternative="greater").pvalue)
+    return p_value_of_growth(moved, left)
 
 
 def _by_second(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:

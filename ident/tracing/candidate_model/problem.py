@@ -15,6 +15,8 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
+SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
+
 
 def untold(text: str, share: float) -> None:
     """A progress that nobody follows."""
@@ -57,7 +59,7 @@ class TraceProblem:
         self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
     ) -> FittedModel | None:
         """Fit a set from another one's values; roughly while searching, to the end for what is kept. None where no cost is finite."""
-        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step)
+        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step, enough=SETTLED)
         return fit_set(self.data, effects, settings, start_from(start, added), event_cost=self.settings.event)
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:

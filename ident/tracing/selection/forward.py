@@ -6,7 +6,6 @@ An addition counts only if it lowers the score by more than the best of all cand
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
@@ -80,7 +79,7 @@ def hopeless(ledger: Ledger, fitted: FittedModel) -> bool:
 def extended(ledger: Ledger, root: FittedModel, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
     """A set that was found by other means, extended like those of the search, with half of its means anew."""
     settings = ledger.problem.settings
-    ledger = replace(ledger, spent=min(ledger.spent, 0.5 * settings.budget))
+    ledger = ledger.renewed(0.5)
     ledger = ledger.kept(fitted, ledger.score(root) - gain(root, fitted, settings.accept))
     ledger, best = freer_form(ledger, ledger.known(fitted))
     while len(best.foreground) < settings.depth and not is_white(best):

@@ -27,7 +27,8 @@ class Ledger:
     """Fitted models by the names of their effects, each with its score, and how the search came to them.
 
     The score of the declared model is its criterion; that of any other is its parent's less what the addition brought (``criterion.gain``).
-    ``expanded`` : sets that were extended already. ``evidence`` : all candidates that were looked at, in order.
+    ``expanded`` : sets that were extended already. ``evidence`` : all candidates that were looked at, in order. ``ran_out`` : the means of an
+    earlier stage were spent.
     """
 
     problem: TraceProblem
@@ -37,11 +38,21 @@ class Ledger:
     steps: tuple[Step, ...] = ()
     evidence: tuple[Candidate, ...] = ()
     spent: float = 0.0
+    ran_out: bool = False
 
     @property
     def exhausted(self) -> bool:
         """Whether the search has fitted as much as it may: a residual that defies the library must not take for ever."""
         return self.spent >= self.problem.settings.budget
+
+    @property
+    def stopped(self) -> bool:
+        """Whether this or an earlier stage of the search stopped for want of means."""
+        return self.ran_out or self.exhausted
+
+    def renewed(self, share: float) -> Ledger:
+        """With this share of the means to be spent anew."""
+        return replace(self, spent=min(self.spent, (1.0 - share) * self.problem.settings.budget), ran_out=self.stopped)
 
     def score(self, fitted: FittedModel) -> float:
         """Score of the set of a fitted model."""

@@ -37,7 +37,7 @@ def refitted(ledger: Ledger, masks: Sequence[np.ndarray], best: FittedModel) -> 
         (), declared.criterion, declared.fit.log_likelihood, "other samples are set aside from here on: all sets are fitted anew without them"
     )
     evidence = [_gained_now(candidate, fresh.models) for candidate in ledger.evidence if not candidate.remark]
-    return replace(fresh.told(step, evidence=evidence), spent=ledger.spent)
+    return replace(fresh.told(step, evidence=evidence), spent=ledger.spent, ran_out=ledger.ran_out)
 
 
 def _gained_now(candidate: Candidate, models: Mapping[Key, FittedModel]) -> Candidate:

@@ -56,6 +56,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "notes": list(tracing.notes),
         "record": record_content(tracing.look),
         "advice": verdict_advice(tracing),
+        "effort": {"name": tracing.effort, "stopped": d.stopped},
         **({"overflows": tracing.overflows} if tracing.overflows else {}),
         "inputs": _inputs(tracing),
         "versions": versions(),

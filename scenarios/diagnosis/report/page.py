@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report import text
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
@@ -59,7 +60,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         advice=text.verdict_advice(tracing),
         doubts=tracing.doubts,
         warnings=[warning for warning in warnings if warning not in tracing.doubts],
-        notes=tracing.notes,
+        notes=(*tracing.notes, effort_sentence(tracing.effort, tracing.diagnosis)),
         recorded=record_rows(tracing.look),
         where=text.where_predicted(tracing),
         nothing_stands=nothing_stands(d),

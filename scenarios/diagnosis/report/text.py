@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
@@ -39,6 +40,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
+        wrapped(effort_sentence(tracing.effort, d), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 

@@ -70,7 +70,7 @@ class TraceScenario:
     name, title, about : for people. distance : how far the truth is from the model, and whether the library has what lies between.
     flight : the truth recipe; ``model`` what the loop is told it is.
     wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are values that are given instead.
-    expect : what should be found. seed : used unless another is asked for.
+    expect : what should be found. seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
     """
 
     name: str
@@ -83,3 +83,4 @@ class TraceScenario:
     wrong: float = 0.3
     start: Mapping[str, float] = field(default_factory=lambda: _NONE)
     seed: int = 1
+    effort: str = "normal"

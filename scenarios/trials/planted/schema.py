@@ -50,6 +50,7 @@ class _Estimate(_Strict):
     model: Literal["ballistic", "rigid", "flexible", "loes"]
     wrong: float = Field(default=0.3, ge=0, lt=1)
     start: dict[str, float] = {}
+    effort: Literal["normal", "thorough"] = "normal"
 
 
 class _Expect(_Strict):
@@ -104,6 +105,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
         content.estimate.wrong,
         dict(content.estimate.start),
         content.seed,
+        content.estimate.effort,
     )
 
 

@@ -66,7 +66,7 @@ def run_trace(scenario: TraceScenario, seed: int | None = None, progress: Callab
     flown = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         train, validate, vehicle = write_flown(flown, Path(folder))
-        tracing = diagnose_files(Request((train,), scenario.model, vehicle, (validate,)), progress)
+        tracing = diagnose_files(Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort), progress)
     return TraceStudy(scenario, chosen, flown, tracing, grade(scenario.expect, tracing), _derivatives(flown, tracing), _effects(flown, tracing))
 
 

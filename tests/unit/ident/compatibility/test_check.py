@@ -61,6 +61,8 @@ def test_several_records_share_the_fault_and_each_shows_it_by_itself() -> None:
     records = [record(sensors=late if i else replace(late, bias={}), seed=i, name=f"flight {i}") for i in range(3)]
     found = compatibility(records, SETTINGS)
     joint = next(item for item in found.joint.estimates if item.name == "sensor-delay:alpha")
+    together = compatibility(records, SETTINGS, each=False)
+    assert together.single == () and [item.smoother for item in together.joint.estimates] == [item.smoother for item in found.joint.estimates]
     single = [next(item for item in result.estimates if item.name == joint.name) for result in found.single]
     assert standing(found)[0] == joint.name and found.findings[0].replicates
     assert joint.smoother.std < 0.7 * min(item.smoother.std for item in single)

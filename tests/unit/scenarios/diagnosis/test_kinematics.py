@@ -144,7 +144,8 @@ def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record
 def test_of_many_samples_every_record_keeps_its_liveliest_stretch(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Record] = []
 
-    def check(records: Sequence[Record], settings: CompatibilitySettings) -> object:
+    def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> object:
+        assert not each
         seen.extend(records)
         return checked().result
 
