@@ -6,7 +6,8 @@ import pytest
 
 from ident.statistics.shares import clopper_pearson
 from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
-from scenarios.trials.examination import examine, summary
+from scenarios.trials.papers.examination import examine
+from scenarios.trials.papers.summary import summary
 
 RUNS = 200  # clean records over all settings
 WEAK_RUNS = 12  # of each effect
