@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from itertools import permutations
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
@@ -14,9 +14,9 @@ from scenarios.trials.papers.paper import Mark, Named, Paper
 from scenarios.trials.papers.vehicles import NOISE, estimated
 from scenarios.trials.scoring import same_fault
 from sim.declaration.model import Model
-from sim.errors import FlightidError
+from sim.errors import DeclarationError, FlightidError, RecordError
 
-REFUSED = "refused"
+REFUSED, FAILED = "refused", "failed"
 
 
 def mark_of(paper: Paper, model: Model, tracing: Tracing, seconds: float) -> Mark:
@@ -38,8 +38,9 @@ def mark_of(paper: Paper, model: Model, tracing: Tracing, seconds: float) -> Mar
 
 
 def mark_of_refusal(paper: Paper, fault: FlightidError, seconds: float) -> Mark:
-    """The mark where the files were not taken: right for a recorder's fault, an alarm for all else."""
-    return Mark(paper, REFUSED, (), paper.group == "recorder", False, {}, 0.0, seconds, said=str(fault))
+    """The mark where there is no diagnosis: files refused are right for a recorder's fault and an alarm for all else, a failure is never right."""
+    refused = isinstance(fault, RecordError | DeclarationError)
+    return Mark(paper, REFUSED if refused else FAILED, (), refused and paper.group == "recorder", False, {}, 0.0, seconds, said=str(fault))
 
 
 def _matched(paper: Paper, claims: Sequence[Claim]) -> tuple[set[str], bool]:
@@ -62,7 +63,7 @@ def _says(answer: str, claim: Claim) -> bool:
     return _given({claim.name, *claim.alternatives}, same_fault(answer))
 
 
-def _given(names: set[str], accepted: set[str]) -> bool:
+def _given(names: Set[str], accepted: Set[str]) -> bool:
     """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``, ``elastic-mode:1``) any number."""
     plain = {name.partition("#")[0] for name in names}
     return bool(plain & {*accepted, *(name.partition(":")[0] for name in accepted if name.startswith("elastic"))})

@@ -100,11 +100,12 @@ class Mark:
 
     Attributes
     ----------
-    verdict : ``refused`` where the files were not taken. claimed : names claimed; ``claims`` : for each its name, then its alternatives.
+    verdict : ``refused`` where the files were not taken, ``failed`` where the loop broke off.
+    claimed : names claimed; ``claims`` : for each its name, then its alternatives.
     right : the names are those hidden, or none where nothing is; of what no effect names, ``unexplained``; of a recorder's fault also a word on it.
     wrong : a claim names what is not there.
-    errors : of derivatives, in reported standard deviations. held_out : the worst channel's error over the noise, zero where refused.
-    values : of what is hidden, in the fitted record. seconds : of the processor, for the diagnosis. said : why it was refused.
+    errors : of derivatives, in reported standard deviations. held_out : the worst channel's error over the noise, zero without a diagnosis.
+    values : of what is hidden, in the fitted record. seconds : of the processor, for the diagnosis. said : why there is no diagnosis.
     """
 
     paper: Paper

@@ -20,7 +20,7 @@ UNPREDICTABLE = ("turbulence", "spikes")  # what is held out has its own, which 
 def summary(marks: Sequence[Mark]) -> dict[str, float]:
     """Shares over many papers: right, wrong claims, derivatives within two standard deviations where right, and the held-out error's median."""
     count, right = len(marks), [mark for mark in marks if mark.right]
-    free = [mark for mark in right if mark.verdict != "refused" and not any(_unpredictable(name) for name in mark.paper.hidden)]
+    free = [mark for mark in right if mark.errors and not any(_unpredictable(name) for name in mark.paper.hidden)]
     share, (low, high) = coverage(marks)
     wrong = sum(mark.wrong for mark in marks)
     return {
