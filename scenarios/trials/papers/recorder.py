@@ -74,9 +74,8 @@ def _each(channel: str) -> Mapping[str, Kind]:
 def _factor(channel: str, factor: float, models: tuple[str, ...] = AIRCRAFT) -> Kind:
     needed = () if channel in CONTROLS else (channel,)
     spoils = partial(readings.scaled, channel)
-    return Kind(
-        lambda rng, s: {"factor": factor}, models=models, channels=needed, spoils=spoils, accepted=(f"sensor-scale:{channel}",), words=(channel,)
-    )
+    accepted = () if channel in CONTROLS else (f"sensor-scale:{channel}",)
+    return Kind(lambda rng, s: {"factor": factor}, models=models, channels=needed, spoils=spoils, accepted=accepted, words=(channel,))
 
 
 DEGREES = 180.0 / math.pi
