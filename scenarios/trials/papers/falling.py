@@ -13,7 +13,8 @@ BALLISTIC = ("ballistic",)
 
 
 def _mach_drag(rng: np.random.Generator, s: Setting) -> Mapping[str, float]:
-    return {"size": either(rng) * float(rng.uniform(0.2, 0.5)), **several(rng, middle=(3.0, 4.5), width=(0.4, 1.0))}
+    # Only near the speed of sound does drag change within less than a Mach number, and no fall drawn here comes that low.
+    return {"size": either(rng) * float(rng.uniform(0.2, 0.5)), **several(rng, middle=(3.0, 4.5), width=(1.0, 2.0))}
 
 
 def _drag_jump(rng: np.random.Generator, s: Setting) -> Mapping[str, float]:
