@@ -14,8 +14,10 @@ from scenarios.files.writing import write_json
 from scenarios.terminal.plain_tables import table
 from scenarios.terminal.progress import progress_bar
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
-from scenarios.trials.examination import Mark, examine, summary
 from scenarios.trials.many import of_each_seed
+from scenarios.trials.papers.examination import examine
+from scenarios.trials.papers.paper import Mark
+from scenarios.trials.papers.summary import summary
 from sim.errors import DeclarationError
 
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect, from which nearly all are found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -22,9 +23,10 @@ class Share:
     interval: tuple[float, float]
 
 
-def same_fault(name: str) -> set[str]:
+@cache  # asks the whole library
+def same_fault(name: str) -> frozenset[str]:
     """The names that count as naming an effect right: a lag and a delay of one sensor are one."""
-    return {name, *traits_of(name).twins}
+    return frozenset({name, *traits_of(name).twins})
 
 
 def share_of_flights(hits: Iterable[bool]) -> Share:

@@ -26,7 +26,7 @@ class AlphaControlProduct:
     explanation: ClassVar[str] = "The tail works in the wake of the wing: the power of the elevator changes with the angle of attack."
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        product = s.alpha_air * s.elevator
+        product = s.alpha_air * (s.delta if hasattr(s, "delta") else s.elevator)
         return {"moment": p.moment * product, "lift": p.lift * product}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:

@@ -26,6 +26,9 @@ class WeakeningControl:
     explanation: ClassVar[str] = "The gap of the elevator opens as it deflects: each further degree turns the flow by less."
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        if hasattr(s, "delta"):  # the low-order equivalent has a pseudo-control
+            lost = -p.cubic * s.delta**3
+            return {"moment": vehicle.M_delta * lost, "lift": vehicle.L_delta * lost}
         lost = -p.cubic * s.elevator**3
         return {"moment": vehicle.Cm_de * lost, "lift": vehicle.CL_de * lost}
 

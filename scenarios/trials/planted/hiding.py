@@ -21,9 +21,9 @@ BREAKOUT = "input-deadband"
 def own_terms() -> Mapping[str, Effect]:
     """The truth's own terms by name."""
     package = importlib.import_module("scenarios.trials.hidden")
-    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
-    terms = [importlib.import_module(f"{package.__name__}.{name}").TERM for name in names]
-    return {term.name: term for term in terms}
+    names = sorted(module.name for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."))
+    modules = [importlib.import_module(name) for name in names]
+    return {module.TERM.name: module.TERM for module in modules if hasattr(module, "TERM")}
 
 
 def true_vehicle(flight: TraceFlight) -> Model:

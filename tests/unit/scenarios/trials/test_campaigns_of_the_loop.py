@@ -13,9 +13,10 @@ from scenarios.commands import campaign
 from scenarios.commands.campaign import run_campaign
 from scenarios.commands.trials import TRIALS
 from scenarios.studies.catalogue import scenario_names
-from scenarios.trials import detection, examination
+from scenarios.trials import detection
 from scenarios.trials.detection import WEAK
 from scenarios.trials.many import of_each_seed
+from scenarios.trials.papers import examination
 from sim.errors import DeclarationError
 from tests.diagnoses import tracing_of
 

@@ -1,0 +1,1 @@
+"""Causes that no effect of the library names."""

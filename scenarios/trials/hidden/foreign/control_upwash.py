@@ -1,0 +1,31 @@
+"""A vane that feels the control surface: outside the library of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Regularity, Station
+from sim.declaration.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class ControlUpwash:
+    """alpha reads alpha + ``gain`` d, d the elevator (rad) or the pseudo-control in the stick's unit."""
+
+    name: ClassVar[str] = "own:control-upwash"
+    channel: ClassVar[str] = "alpha"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("gain", 0.1, "1"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"gain": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = "The vane sits beside a canard: the flow that the surface turns is read as an angle of attack."
+
+    def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"alpha": y["alpha"] + p.gain * (s.delta if hasattr(s, "delta") else s.elevator)}
+
+
+TERM = ControlUpwash()

@@ -1,0 +1,36 @@
+"""Pitch damping that grows with the rate itself: outside the library of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.parameters import Parameter
+from sim.maths.elementary import absolute
+
+
+@dataclass(frozen=True)
+class RateDamping:
+    """moment += ``size`` q |q|, ``size`` in the moment's unit by (rad/s)2; negative damps."""
+
+    name: ClassVar[str] = "own:rate-damping"
+    station: ClassVar[Station] = Station.DYNAMICS
+    needs: ClassVar[tuple[str, ...]] = ("moment",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("size", -0.5, "s2/rad2"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = "The tail leaves its straight range in fast pitching: damping grows with the rate itself."
+
+    def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
+        return {"moment": p.size * s.q * absolute(s.q)}
+
+    def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
+        return ()
+
+
+TERM = RateDamping()

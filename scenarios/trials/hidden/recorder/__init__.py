@@ -1,0 +1,1 @@
+"""Faults of a recorder, put into a record after sampling and noise."""

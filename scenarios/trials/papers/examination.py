@@ -1,0 +1,119 @@
+"""A random examination of the tracing loop: model, vehicle, rate, channels, maneuvers, and what is hidden, all drawn from a seed.
+
+Each record is written, diagnosed by what the loop is told (two files and a vehicle file), and marked: right name, held-out error, and
+how many standard deviations the derivatives are off.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.files.writing import write_record
+from scenarios.preparation.request import Request
+from scenarios.trials.papers.flying import Values, drawn_values, flown, values_again
+from scenarios.trials.papers.kinds import KINDS, drawable, families
+from scenarios.trials.papers.marking import mark_of, mark_of_refusal
+from scenarios.trials.papers.paper import Mark, Paper
+from scenarios.trials.papers.vehicles import RATES, Flight, drawn_flights, drawn_vehicle, vehicle_file
+from scenarios.trials.scoring import same_fault
+from sim.declaration.model import Model
+from sim.errors import FlightidError, ModelError
+from sim.record import Record
+
+MODELS = {"rigid": 0.6, "loes": 0.25, "ballistic": 0.15}
+GROUPS = {"nothing": 0.15, "one effect": 0.3, "two effects": 0.25, "foreign": 0.15, "recorder": 0.15}
+TRIES = 20  # of sizes, for one paper
+# Both change the airspeed; a truth with two laws for it is none.
+NEVER_TOGETHER = frozenset({"phugoid", "speed-variation"})
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A paper in a folder: the true model, what is hidden in the first record, and what the loop is told."""
+
+    paper: Paper
+    model: Model
+    values: Values
+    request: Request
+
+
+def examine(seed: int) -> Mark:
+    """Draw a paper, fly it, have it diagnosed, and mark it; all but the time it takes depends on the seed alone."""
+    with tempfile.TemporaryDirectory(prefix="flightid-") as name:
+        written = write_paper(seed, Path(name))
+        started = process_time()
+        try:
+            tracing = diagnose_files(written.request)
+        except FlightidError as fault:
+            mark = mark_of_refusal(written.paper, fault, process_time() - started)
+            # The folder's name is chance, and no part of a mark.
+            return replace(mark, values=written.values, said=mark.said.replace(f"{name}/", ""))
+        mark = mark_of(written.paper, written.model, tracing, process_time() - started)
+    return replace(mark, values=written.values)
+
+
+def write_paper(seed: int, folder: Path) -> Written:
+    """Write a seed's paper into a folder that exists: ``train.csv`` and ``validate.csv`` with their sidecars, ``vehicle.toml``."""
+    rng = np.random.default_rng((seed, 3))
+    name = _chosen(MODELS, rng)
+    label, model = drawn_vehicle(name, rng)
+    rate = float(rng.choice(RATES[name]))
+    channels = ("altitude",) if name == "ballistic" else ("alpha", "q", "nz") if rng.random() < 0.75 else ("alpha", "q")
+    group = _chosen(GROUPS, rng)
+    hidden = drawn_hidden(group, name, channels, rng)
+    answers = frozenset(KINDS[kind].answer for kind in hidden if KINDS[kind].answer)
+    outside = any(not KINDS[kind].answer for kind in hidden)
+    told = {0: "nothing", 1: "one effect", 2: "two effects"}[len(answers)] if not outside else group
+    paper = Paper(seed, label, hidden, answers, outside, channels, rate, name, told)
+    train, validate = drawn_flights(model, rate, rng)
+    first, records = _flown_sanely(paper, train, validate, rng)
+    for stem, record in zip(("train", "validate"), records, strict=True):
+        write_record(folder, record, stem)
+    vehicle = folder / "vehicle.toml"
+    vehicle.write_text(vehicle_file(model, rng), encoding="utf-8")
+    return Written(paper, model, first, Request((folder / "train.csv",), name, vehicle, (folder / "validate.csv",)))
+
+
+def _flown_sanely(paper: Paper, train: Flight, validate: Flight, rng: np.random.Generator) -> tuple[Values, tuple[Record, Record]]:
+    """What is hidden in the first record, and both; drawn anew where it would throw the aircraft out of the range of any model."""
+    for _ in range(TRIES):
+        first = drawn_values(paper.hidden, train.setting, rng)
+        again = values_again(paper.hidden, first, validate.setting, rng)
+        try:
+            return first, (flown(paper, first, train, rng), flown(paper, again, validate, rng))
+        except ModelError:
+            continue
+    raise ModelError(f"{TRIES} draws leave the range of the model", where=f"paper {paper.seed}", remedy="draw smaller sizes of what is hidden")
+
+
+def drawn_hidden(group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator) -> tuple[str, ...]:
+    """Names of what a paper of a group hides. A falling body has one channel, which does not separate two effects: it hides one."""
+    if group == "nothing":
+        return ()
+    if group == "recorder":
+        among = families(drawable(group, model, channels))
+        family = str(rng.choice(sorted(among)))
+        return (str(rng.choice(among[family])),)
+    if group == "foreign":
+        return (str(rng.choice(drawable(group, model, channels))),)
+    names = drawable("effect", model, channels)
+    first = str(rng.choice(names))
+    if group == "one effect" or model == "ballistic":
+        return (first,)
+    return first, str(rng.choice([name for name in names if _go_together(first, name)]))
+
+
+def _go_together(one: str, other: str) -> bool:
+    """Whether two effects are two: not one fault by two names, nor two laws of one quantity."""
+    a, b = KINDS[one].answer, KINDS[other].answer
+    return not same_fault(a) & same_fault(b) and {a, b} != NEVER_TOGETHER
+
+
+def _chosen(shares: dict[str, float], rng: np.random.Generator) -> str:
+    return str(rng.choice(list(shares), p=list(shares.values())))

@@ -1,0 +1,96 @@
+"""The mark of an answer: which names are right, which are wrong, and how far the numbers are off."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence, Set
+from itertools import permutations
+
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
+from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.report.evidence import warnings_of
+from scenarios.trials.papers.kinds import KINDS
+from scenarios.trials.papers.paper import Mark, Named, Paper
+from scenarios.trials.papers.vehicles import NOISE, estimated
+from scenarios.trials.scoring import same_fault
+from sim.declaration.model import Model
+from sim.errors import DeclarationError, FlightidError, RecordError
+
+REFUSED, FAILED = "refused", "failed"
+
+
+def mark_of(paper: Paper, model: Model, tracing: Tracing, seconds: float) -> Mark:
+    """The mark of a diagnosis."""
+    diagnosis = tracing.diagnosis
+    claims = [claim for claim in diagnosis.effects if claim.claimed]
+    left, wrong = _matched(paper, claims)
+    return Mark(
+        paper,
+        diagnosis.verdict.value,
+        tuple(claim.name for claim in claims),
+        not wrong and not left and _rightly_concluded(paper, tracing, claims),
+        wrong,
+        _errors(paper, model, diagnosis),
+        max(rmse / NOISE[name] for name, rmse in diagnosis.error_after.rmse.items()),
+        seconds,
+        tuple(tuple(Named(name, _is_hidden(paper, name)) for name in (claim.name, *claim.alternatives)) for claim in claims),
+    )
+
+
+def mark_of_refusal(paper: Paper, fault: FlightidError, seconds: float) -> Mark:
+    """The mark where there is no diagnosis: files refused are right for a recorder's fault and an alarm for all else, a failure is never right."""
+    refused = isinstance(fault, RecordError | DeclarationError)
+    return Mark(paper, REFUSED if refused else FAILED, (), refused and paper.group == "recorder", False, {}, 0.0, seconds, said=str(fault))
+
+
+def _matched(paper: Paper, claims: Sequence[Claim]) -> tuple[set[str], bool]:
+    """Answers that no claim gives, and whether a claim gives none; each claim answers once, so as to answer most."""
+    answers = sorted(paper.answers)
+    accepted = {name for hidden in paper.hidden for name in KINDS[hidden].accepted}
+    best: tuple[set[str], bool] = (set(answers), bool(claims))
+    for order in permutations(claims):
+        left, wrong = set(answers), False
+        for claim in order:
+            hit = next((answer for answer in answers if answer in left and _says(answer, claim)), None)
+            wrong = wrong or (hit is None and not _given({claim.name, *claim.alternatives}, accepted))
+            left.discard(hit or "")
+        if (wrong, len(left)) < (best[1], len(best[0])) or order == tuple(claims):
+            best = (left, wrong)
+    return best
+
+
+def _says(answer: str, claim: Claim) -> bool:
+    return _given({claim.name, *claim.alternatives}, same_fault(answer))
+
+
+def _given(names: Set[str], accepted: Set[str]) -> bool:
+    """Whether one of the names is accepted; of a numbered effect (``elastic-mode#2``, ``elastic-mode:1``) any number."""
+    plain = {name.partition("#")[0] for name in names}
+    return bool(plain & {*accepted, *(name.partition(":")[0] for name in accepted if name.startswith("elastic"))})
+
+
+def _is_hidden(paper: Paper, name: str) -> bool:
+    accepted = {other for answer in paper.answers for other in same_fault(answer)}
+    return _given({name}, accepted | {other for hidden in paper.hidden for other in KINDS[hidden].accepted})
+
+
+def _rightly_concluded(paper: Paper, tracing: Tracing, claims: Sequence[Claim]) -> bool:
+    """Whether the verdict is right, where the claims are."""
+    verdict = tracing.diagnosis.verdict
+    if not paper.hidden:
+        return verdict is Verdict.CONSISTENT
+    if not paper.outside:
+        return True
+    words = [word for name in paper.hidden for word in KINDS[name].words]
+    return verdict is Verdict.UNEXPLAINED or bool(claims) or _told_of(words, tracing)
+
+
+def _told_of(words: Sequence[str], tracing: Tracing) -> bool:
+    """Whether a warning or a note about the record has one of the words."""
+    texts = [*tracing.doubts, *tracing.look.doubts, *tracing.look.lines, *warnings_of(tracing)]
+    return any(re.search(rf"\b{re.escape(word)}\b", text, re.IGNORECASE) for word in words for text in texts)
+
+
+def _errors(paper: Paper, model: Model, diagnosis: Diagnosis) -> Mapping[str, float]:
+    after = {name: diagnosis.after[name] for name in estimated(paper.model) if name in diagnosis.after}
+    return {name: (found.value - model.parameters[name].value) / found.std for name, found in after.items()}

@@ -1,0 +1,132 @@
+"""Marks follow the names, verdicts and words; the probabilities of claims can be calibrated from them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.recording.finding import Certainty, Finding
+from ident.recording.finding import Kind as FindingKind
+from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.preparation.recording import WARNED, RawLook, Seen
+from scenarios.trials.aircraft import drawn_aircraft
+from scenarios.trials.papers.kinds import KINDS
+from scenarios.trials.papers.marking import mark_of, mark_of_refusal
+from scenarios.trials.papers.paper import Mark, Named, Paper
+from scenarios.trials.papers.summary import coverage, summary, summary_table
+from sim.errors import ModelError, RecordError
+from tests.diagnoses import tracing_of
+
+
+def paper(*hidden: str) -> Paper:
+    answers = frozenset(KINDS[name].answer for name in hidden if KINDS[name].answer)
+    outside = any(not KINDS[name].answer for name in hidden)
+    group = KINDS[hidden[0]].group if outside else ("nothing", "one effect", "two effects")[len(answers)]
+    return Paper(1, "fighter", hidden, answers, outside, ("alpha", "q", "nz"), 50.0, "rigid", group)
+
+
+def marked(hidden: tuple[str, ...], verdict: Verdict, claims: tuple[Claim, ...], warned_of: str = "") -> Mark:
+    tracing = tracing_of(Verdict.CONSISTENT)
+    diagnosis = replace(tracing.diagnosis, verdict=verdict, effects=claims)
+    finding = Finding(warned_of, FindingKind.HELD, Certainty.LIKELY, "is updated late")
+    look = RawLook(("train.csv",), (Seen("train.csv", finding, WARNED),)) if warned_of else tracing.look
+    return mark_of(paper(*hidden), drawn_aircraft(np.random.default_rng(1))[1], replace(tracing, diagnosis=diagnosis, look=look), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "verdict", "claims", "right", "wrong"),
+    [
+        ((), Verdict.CONSISTENT, (), True, False),
+        ((), Verdict.UNEXPLAINED, (), False, False),
+        (("input-deadband",), Verdict.TRACED, (Claim("input-deadband", {}),), True, False),
+        (("input-deadband",), Verdict.TRACED, (Claim("actuator-saturation", {}, ("input-deadband",)),), True, False),
+        (("input-deadband",), Verdict.TRACED, (Claim("input-backlash", {}),), False, True),
+        (("input-deadband",), Verdict.UNEXPLAINED, (Claim("input-backlash", {}, claimed=False),), False, False),
+        (("sensor-lag:alpha",), Verdict.TRACED, (Claim("sensor-delay:alpha", {}),), True, False),
+        (("elastic-mode", "vane-offset"), Verdict.TRACED, (Claim("elastic-mode#2", {}), Claim("vane-offset", {})), True, False),
+        (("elastic-mode", "vane-offset"), Verdict.TRACED, (Claim("elastic-mode", {}),), False, False),
+        # The first claim could answer for either; the second only for one, which must be left to it.
+        (
+            ("input-deadband", "vane-offset"),
+            Verdict.TRACED,
+            (Claim("input-deadband", {}, ("vane-offset",)), Claim("input-deadband", {})),
+            True,
+            False,
+        ),
+        (("energy exchange",), Verdict.TRACED, (Claim("phugoid", {}),), True, False),
+        (("energy exchange",), Verdict.TRACED, (Claim("speed-variation", {}),), False, True),
+        (("product",), Verdict.UNEXPLAINED, (), True, False),
+        (("product",), Verdict.CONSISTENT, (), False, False),
+        (("product",), Verdict.PARTIAL, (Claim("vane-offset", {}),), False, True),
+        (("cubic vane",), Verdict.PARTIAL, (Claim("sensor-curve:alpha", {}),), True, False),
+        (("cubic vane",), Verdict.UNEXPLAINED, (), True, False),
+        (("held:q",), Verdict.UNEXPLAINED, (), True, False),
+        (("held:q",), Verdict.TRACED, (Claim("sensor-hold:q", {}),), True, False),
+        (("held:q",), Verdict.TRACED, (Claim("sensor-hold:alpha", {}),), False, True),
+        (("held:q",), Verdict.CONSISTENT, (), False, False),
+        (("clock fast",), Verdict.TRACED, (Claim("time-base", {}),), True, False),
+    ],
+)
+def test_marks(hidden: tuple[str, ...], verdict: Verdict, claims: tuple[Claim, ...], right: bool, wrong: bool) -> None:
+    mark = marked(hidden, verdict, claims)
+    assert (mark.right, mark.wrong) == (right, wrong)
+
+
+def test_a_word_on_the_channel_is_right_for_a_recorders_fault_and_on_another_is_not() -> None:
+    assert marked(("held:q",), Verdict.CONSISTENT, (), "q").right
+    assert not marked(("held:q",), Verdict.CONSISTENT, (), "alpha").right
+    assert not marked(("product",), Verdict.CONSISTENT, (), "alpha").right
+    wrong = marked(("held:q",), Verdict.TRACED, (Claim("input-delay", {}),), "q")
+    assert wrong.wrong and not wrong.right
+
+
+def test_a_refusal_is_right_for_a_recorders_fault_alone() -> None:
+    fault = RecordError("the sign is turned", where="train.csv, channel q")
+    refused, alarm = mark_of_refusal(paper("turned:q"), fault, 1.0), mark_of_refusal(paper(), fault, 1.0)
+    assert refused.right and not refused.wrong and refused.verdict == "refused" and "sign" in refused.said
+    assert not alarm.right and not alarm.wrong
+    failed = mark_of_refusal(paper("turned:q"), ModelError("an effect acts twice", where="model rigid"), 1.0)
+    assert failed.verdict == "failed" and not failed.right and not failed.wrong
+
+
+def test_each_name_of_a_claim_is_told_hidden_or_not() -> None:
+    claims = (Claim("sensor-delay:alpha", {}, ("vane-offset",)), Claim("input-delay", {}), Claim("gust-discrete", {}, claimed=False))
+    mark = marked(("sensor-lag:alpha",), Verdict.TRACED, claims)
+    assert mark.claims == ((Named("sensor-delay:alpha", True), Named("vane-offset", False)), (Named("input-delay", False),))
+    assert mark.claimed == ("sensor-delay:alpha", "input-delay")
+
+
+def test_derivatives_are_measured_in_their_sigmas() -> None:
+    mark = marked((), Verdict.CONSISTENT, ())
+    after, model = tracing_of(Verdict.CONSISTENT).diagnosis.after, drawn_aircraft(np.random.default_rng(1))[1]
+    assert set(mark.errors) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}
+    assert mark.errors["Cm_q"] == (after["Cm_q"].value - model.parameters["Cm_q"].value) / after["Cm_q"].std
+    assert mark.held_out == pytest.approx(1.02)
+
+
+def marks() -> list[Mark]:
+    return [
+        Mark(paper("vane-offset"), "traced", ("vane-offset",), True, False, {"Cm_q": 1.0, "CL_q": -3.0}, 1.02, 2.0),
+        Mark(paper("input-delay"), "traced", ("vane-offset",), False, True, {"Cm_q": 9.0}, 3.0, 4.0),
+    ]
+
+
+def test_summary_counts() -> None:
+    found = summary(marks())
+    assert found["right"] == 0.5 and found["wrong claims"] == 0.5 and found["derivatives within two sigmas"] == 0.5
+    assert found["held-out error, median"] == 1.02 and found["seconds, median"] == 3.0
+
+
+def test_coverage_leaves_out_what_is_foreign_or_a_recorders() -> None:
+    more = [Mark(paper(name), "unexplained", (), True, False, {"Cm_q": 9.0}, 3.0, 4.0) for name in ("product", "held:q")]
+    assert coverage([*marks(), *more]) == coverage(marks())
+    assert coverage(more) == (0.0, (0.0, 1.0))
+
+
+def test_the_table_counts_a_paper_in_its_model_its_group_and_each_thing_hidden() -> None:
+    pair = Mark(paper("vane-offset", "input-delay"), "traced", (), False, False, {}, 1.0, 1.0)
+    rows = {line.split("  ")[1].strip(): line.split() for line in summary_table([*marks(), pair])[1:]}
+    counts = {name: int(next(word for word in words[len(name.split()) :])) for name, words in rows.items()}
+    assert counts == {"all": 3, "rigid": 3, "one effect": 2, "two effects": 1, "vane-offset": 2, "input-delay": 2}
