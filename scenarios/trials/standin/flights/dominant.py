@@ -95,15 +95,15 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
 
 
 def of_declared_size(drawn: Drawn, name: str, before: np.ndarray, seed: int, rng: np.random.Generator) -> Dominant | None:
-    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST`` of the error; None where none does.
+    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST`` of the error; None where the largest does not.
 
     ``before`` and ``seed`` as in ``sized``.
     """
     low, high = drawn.standin.hidden.sizes[name]
     effect, sign = find_effect(name, drawn.model.equations), float(rng.choice([-1.0, 1.0]))
     model, records = declared_model(drawn.declared, drawn.starts), tuple(range(len(drawn.maneuvers)))
-    for _ in range(ROUNDS):
-        size = rng.uniform(low, high)
+    for left in reversed(range(ROUNDS)):
+        size = rng.uniform(low, high) if left else high
         found = Dominant(effect, values_at(drawn, name, size, sign), records)
         if float(np.max(misfit(_records(hiding(drawn, (found,)), seed), model) / before)) > 1.0 / (1.0 - LEAST):
             return found
