@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ DECLARED = {
 SMALLER = ("flight.duration=12", "flight.records=[2,2]", "flight.step=0.02", "flight.rates=[25]")
 
 
-def plan(**changes: object) -> Drawn:
+def plan(**changes: Any) -> Drawn:
     return draw(short(replace(CALM, gravity=1.0, trim_lift=1.0), rates=(100.0,), step=0.01, **changes), np.random.default_rng(5))
 
 
@@ -118,9 +119,7 @@ def test_the_level_elevator_is_that_of_steady_flight() -> None:
     p = {item.name: item.value for item in drawn.model.parameters}
     speed = 0.9 * p["airspeed"]
     weight = 2.0 * p["mass"] * G0 / (p["air_density"] * p["wing_area"])
-    wanted = np.linalg.solve(
-        [[p["CL_alpha"], p["CL_de"]], [p["Cm_alpha"], p["Cm_de"]]], [weight / speed**2 - weight / p["airspeed"] ** 2, 0.0]
-    )
+    wanted = np.linalg.solve([[p["CL_alpha"], p["CL_de"]], [p["Cm_alpha"], p["Cm_de"]]], [weight / speed**2 - weight / p["airspeed"] ** 2, 0.0])
     assert level_elevator(drawn, np.array([0.0, speed - p["airspeed"]])) == pytest.approx([0.0, wanted[1]])
     assert steered(drawn, 0) is drawn.maneuvers[0], "nothing changes the speed"
     slowing = with_effect(drawn, SPEED, 0.1)
