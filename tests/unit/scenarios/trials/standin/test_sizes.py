@@ -11,6 +11,7 @@ import pytest
 
 from scenarios.studies.catalogue import load_document
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Hidden, StandIn
+from scenarios.trials.standin.flights import flight
 from scenarios.trials.standin.flights.dominant import KINDS, LEAST, draw_dominant, group
 from scenarios.trials.standin.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from scenarios.trials.standin.flights.flying import fly_drawn, fly_draws
@@ -167,6 +168,21 @@ def test_a_size_too_small_to_show_is_drawn_larger_or_passed_over() -> None:
         drawn(hidden(0.001, 0.002))
     assert LEAST > 0.0 and set(SIZES) <= set(KINDS)
     assert group("accelerometer-offset:nz") == group("vane-offset") == group("sensor-lag:alpha") == "late alpha"
+
+
+@pytest.mark.parametrize(("sizes", "tried"), [({"vane-offset": (0.001, 0.002)}, 5), ({}, 1)])
+def test_an_aircraft_on_which_no_declared_size_shows_is_drawn_anew(sizes: dict[str, tuple[float, float]], tried: int) -> None:
+    seen: list[float] = []
+
+    def refused(drawn: Drawn, rng: np.random.Generator) -> Drawn:
+        seen.append(drawn.declared.parameters["Cm_alpha"].value)
+        raise DeclarationError("only 0 of 1 effects make a difference on this flight", where="key hidden", remedy="ask for more")
+
+    standin = replace(short(), hidden=Hidden(1, ("vane-offset",), sizes=sizes))
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(DeclarationError, match="make a difference"):
+        patch.setattr(flight, "draw_dominant", refused)
+        flight.fly_standin(standin, 1)
+    assert len(seen) == len(set(seen)) == tried
 
 
 @pytest.mark.parametrize(
