@@ -66,6 +66,8 @@ class FlightLine:
     maneuvers : kinds, dealt out in random order. amplitude : elevator, rad. surface : frequency of the surface's servo, rad/s, which rounds
         every step before it is recorded.
     trim_alpha : rad. total : angle of attack and load factor are recorded with their trim values. optional : chance of each further channel.
+    unrecorded : further channels that no flight records. level : the pilot holds the height with the elevator while a hidden speed-variation
+        acts; without, the path bends down as the lift goes.
     """
 
     vehicles: tuple[str, ...]
@@ -80,18 +82,22 @@ class FlightLine:
     trim_alpha: Span = (0.0, 0.0)
     total: bool = True
     optional: float = 0.0
+    unrecorded: tuple[str, ...] = ()
+    level: bool = False
 
 
 @dataclass(frozen=True)
 class Hidden:
     """How many effects dominate, of which names, and by how much.
 
-    ``reduction`` is the share of the error, in the channel that shows it most, that an effect stands for.
+    ``reduction`` is the share of the error, in the channel that shows it most, that an effect stands for. ``sizes``: by name what is
+    drawn instead, in the unit of `flights.sizes`.
     """
 
     count: int = 0
     names: tuple[str, ...] = ()
     reduction: Span = (0.45, 0.65)
+    sizes: Mapping[str, Span] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

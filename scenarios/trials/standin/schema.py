@@ -15,6 +15,8 @@ from scenarios.trials.aircraft import AIRCRAFT
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
 from scenarios.trials.standin.flights.dominant import KINDS as EFFECTS
 from scenarios.trials.standin.flights.maneuvers import KINDS as MANEUVERS
+from scenarios.trials.standin.flights.maneuvers import USUAL
+from scenarios.trials.standin.flights.sizes import SIZES
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]
@@ -34,13 +36,15 @@ class _Flight(_Strict):
     records: Annotated[list[int], Field(min_length=2, max_length=2)] = [4, 6]
     duration: Quantity = 25.0
     rates: Annotated[list[Quantity], Field(min_length=1)] = [25.0, 40.0, 50.0]
-    maneuvers: Annotated[list[Name], Field(min_length=1)] = list(MANEUVERS)
+    maneuvers: Annotated[list[Name], Field(min_length=1)] = list(USUAL)
     amplitude: Pair
     step: Quantity = 0.005
     surface: Quantity = 20.0
     trim_alpha: Pair = [0.0, 0.0]
     total: bool = True
     optional: Share = 0.0
+    unrecorded: list[Name] = []
+    level: bool = False
 
 
 class _Causes(_Strict):
@@ -71,6 +75,7 @@ class _Hidden(_Strict):
     count: int = Field(default=0, ge=0, le=3)
     names: list[Name] = []
     reduction: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.45, 0.65]
+    sizes: dict[str, Pair] = {}
 
 
 class _Estimate(_Strict):
@@ -111,18 +116,13 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
     DeclarationError : an unknown or missing key, name, unit or value: one line with file and key.
     """
     content = checked(_StandIn, document, where)
-    hidden = content.hidden
-    _known(hidden.names, tuple(EFFECTS), "effect that can be hidden here", f"{where}, key hidden.names")
-    if hidden.count > len(hidden.names):
-        what = f"{hidden.count} of {len(hidden.names)} names"
-        raise DeclarationError(what, where=f"{where}, key hidden.count", remedy="name as many effects as are hidden, or more")
     return StandIn(
         name,
         content.title,
         " ".join(content.about.split()),
         _flight(content.flight, f"{where}, key flight"),
         _causes(content.causes, f"{where}, key causes"),
-        Hidden(hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{where}, key hidden.reduction")),
+        _hidden(content.hidden, f"{where}, key hidden"),
         _shares(content.estimate.wrong, f"{where}, key estimate.wrong"),
         content.estimate.draws,
         content.seed,
@@ -132,6 +132,7 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
 def _flight(flight: _Flight, place: str) -> FlightLine:
     _known(flight.vehicles, VEHICLES, "vehicle", f"{place}.vehicles")
     _known(flight.maneuvers, tuple(MANEUVERS), "maneuver", f"{place}.maneuvers")
+    _known(flight.unrecorded, OPTIONAL, "further channel", f"{place}.unrecorded")
     fewest, most = flight.records
     if not FEWEST <= fewest <= most <= MOST:
         raise DeclarationError(f"{fewest} to {most} records", where=f"{place}.records", remedy=f"give fewest and most, from {FEWEST} to {MOST}")
@@ -151,6 +152,8 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
         _span(flight.trim_alpha, "rad", f"{place}.trim_alpha"),
         flight.total,
         flight.optional,
+        tuple(flight.unrecorded),
+        flight.level,
     )
 
 
@@ -165,6 +168,24 @@ def _causes(causes: _Causes, place: str) -> Causes:
             raise DeclarationError(f"{levels[name]:g} is no level", where=f"{place}.{name}", remedy="give zero or a positive number")
     noise = {name: si(value, CHANNEL_UNITS[name], f"{place}.noise_std.{name}") for name, value in causes.noise_std.items()}
     return Causes(**levels, noise_std={name: positive(value, f"{place}.noise_std.{name}") for name, value in noise.items()})
+
+
+def _hidden(hidden: _Hidden, place: str) -> Hidden:
+    _known(hidden.names, tuple(EFFECTS), "effect that can be hidden here", f"{place}.names")
+    if hidden.count > len(hidden.names):
+        what = f"{hidden.count} of {len(hidden.names)} names"
+        raise DeclarationError(what, where=f"{place}.count", remedy="name as many effects as are hidden, or more")
+    _known(list(hidden.sizes), tuple(SIZES), "effect of declared size", f"{place}.sizes")
+    _known(list(hidden.sizes), tuple(hidden.names), "name hidden here", f"{place}.sizes")
+    sizes = {name: _size(name, pair, f"{place}.sizes.{name}") for name, pair in hidden.sizes.items()}
+    return Hidden(hidden.count, tuple(hidden.names), _shares(hidden.reduction, f"{place}.reduction"), sizes)
+
+
+def _size(name: str, pair: Sequence[Quantity], where: str) -> Span:
+    low, high = _span(pair, SIZES[name].unit, where)
+    if high > SIZES[name].most:
+        raise DeclarationError(f"{high:g} is too large", where=where, remedy=f"give {SIZES[name].most:g} {SIZES[name].unit} or less")
+    return positive(low, where), high
 
 
 def _span(pair: Sequence[Quantity], unit: str, where: str) -> Span:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from scenarios.trials.standin.fitting import declared_model, misfit
-from scenarios.trials.standin.flights.drawing import Dominant, Drawn, hiding, short_period
+from scenarios.trials.standin.flights.drawing import SPEED, Dominant, Drawn, hiding, short_period
 from scenarios.trials.standin.flights.flying import fly_drawn
+from scenarios.trials.standin.flights.sizes import values_at
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 from sim.maths.splines import shape_names
@@ -44,7 +45,10 @@ def draw_dominant(drawn: Drawn, rng: np.random.Generator) -> Drawn:
         for name in rng.permutation(list(wanted.names)):
             if any(group(str(name)) == group(other.name) for other in chosen):
                 continue
-            found = sized(drawn, str(name), rng.uniform(*wanted.reduction), before, seed, rng)
+            if name in wanted.sizes:
+                found = of_declared_size(drawn, str(name), before, seed, rng)
+            else:
+                found = sized(drawn, str(name), rng.uniform(*wanted.reduction), before, seed, rng)
             if found is not None:
                 chosen.append(found)
             if len(chosen) == wanted.count:
@@ -65,7 +69,7 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
         reach = _peak(drawn) if name.startswith("control") else 0.09
         effect = replace(effect, low=-reach, high=reach)
     count = len(drawn.maneuvers)
-    records = (int(rng.integers(count)),) if effect.traits.per_record and name != "speed-variation" else tuple(range(count))
+    records = (int(rng.integers(count)),) if effect.traits.per_record and name != SPEED else tuple(range(count))
     sizing = tuple(range(SIZED_ON)) if len(records) == 1 else records
     model, wanted = declared_model(drawn.declared, drawn.starts), -math.log(1.0 - reduction)
 
@@ -90,11 +94,30 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
     return Dominant(effect, at(size), records) if now > -math.log(1.0 - LEAST) and math.isfinite(now) else None
 
 
+def of_declared_size(drawn: Drawn, name: str, before: np.ndarray, seed: int, rng: np.random.Generator) -> Dominant | None:
+    """An effect of a size drawn from its declared span, evenly among those that stand for ``LEAST`` of the error; None where the largest does not.
+
+    ``before`` and ``seed`` as in ``sized``.
+    """
+    low, high = drawn.standin.hidden.sizes[name]
+    effect, sign = find_effect(name, drawn.model.equations), float(rng.choice([-1.0, 1.0]))
+    model, records = declared_model(drawn.declared, drawn.starts), tuple(range(len(drawn.maneuvers)))
+    for left in reversed(range(ROUNDS)):
+        size = rng.uniform(low, high) if left else high
+        found = Dominant(effect, values_at(drawn, name, size, sign), records)
+        if float(np.max(misfit(_records(hiding(drawn, (found,)), seed), model) / before)) > 1.0 / (1.0 - LEAST):
+            return found
+        low = size  # what is larger shows more
+    return None
+
+
 def group(name: str) -> str:
     """What an effect shares its traces with: of one group only one is hidden at a time."""
     kind, _, channel = name.partition(":")
-    if kind in ("sensor-lag", "sensor-delay", "vane-offset"):
-        return f"late {channel or 'alpha'}"
+    if name in ("vane-offset", "accelerometer-offset:nz"):
+        return "late alpha"
+    if kind in ("sensor-lag", "sensor-delay"):
+        return f"late {channel}"
     if kind in ("input-delay", "actuator-lag", "actuator-rate-limit"):
         return "late input"
     if kind in ("input-deadband", "actuator-saturation", "control-nonlinearity", "input-backlash"):
@@ -200,10 +223,11 @@ KINDS: Mapping[str, Kind] = {
     "control-nonlinearity": _control,
     "elastic-mode": _mode,
     "vane-offset": _only("arm", lambda drawn: 3.5 * _value(drawn, "chord")),
+    "accelerometer-offset:nz": _event(lambda drawn: {"arm": 2.0 * _value(drawn, "chord")}, lambda drawn, rng: {}),
     **{f"sensor-scale:{channel}": _scale for channel in ("alpha", "q", "nz")},
     **{f"sensor-lag:{channel}": _only("time_constant", _late) for channel in ("alpha", "q", "nz")},
     **{f"sensor-delay:{channel}": _only("delay", _late) for channel in ("alpha", "q", "nz")},
-    "speed-variation": _speed,
+    SPEED: _speed,
     "gust-turbulence": _only("sigma", lambda drawn: 0.04 * _value(drawn, "airspeed")),
     "derivative-jump": _event(
         lambda drawn: {"Cm_alpha": 0.8 * _value(drawn, "Cm_alpha"), "Cm_de": 0.0, "Cm_q": 0.0, "CL_alpha": 0.0},

@@ -24,7 +24,7 @@ from sim.vehicles.factory import RIGID_CONSTANTS, RIGID_DERIVATIVES, model_from_
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import linearise
 
-ELEVATOR = "elevator"
+ELEVATOR, SPEED = "elevator", "speed-variation"
 LATE = LaggedLoads(("1/rad", "1/rad"), (0.0, 0.0), ("Cm_alpha",))  # that guard's equations are those of the downwash
 WEAK_MODE = ElasticMode(2)
 
@@ -78,7 +78,8 @@ def draw(standin: StandIn, rng: np.random.Generator) -> Drawn:
     moves = tuple(maneuver(kind, rng, rng.uniform(*flight.amplitude), unit, flight.duration, flight.surface) for kind in kinds)
     rate = float(rng.choice(flight.rates))
     chances = rng.random(len(OPTIONAL))
-    channels = (*MEASURED, *(channel for channel, chance in zip(OPTIONAL, chances, strict=True) if chance < flight.optional))
+    further = (channel for channel, chance in zip(OPTIONAL, chances, strict=True) if chance < flight.optional)
+    channels = (*MEASURED, *(channel for channel in further if channel not in flight.unrecorded))
     corners = _corners(standin.causes, channels, rng)
     model = _with_causes(declared, standin.causes, channels, corners, rng)
     model = model.with_values({"trim_alpha": rng.uniform(*flight.trim_alpha)})

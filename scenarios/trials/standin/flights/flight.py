@@ -11,8 +11,11 @@ from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.flights.dominant import draw_dominant
 from scenarios.trials.standin.flights.drawing import Drawn, draw
 from scenarios.trials.standin.flights.flying import FlownRecord, fly_drawn
+from sim.errors import DeclarationError
 from sim.record import Record
 from sim.vehicles.factory import RIGID_CONSTANTS
+
+AIRCRAFT_TRIED = 5  # of the declared sizes one in thirty aircraft shows none
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +38,18 @@ def fly_standin(standin: StandIn, seed: int) -> Flight:
     DeclarationError : a maneuver, a vehicle or a hidden effect that is not there.
     """
     plan, dominant, air = np.random.default_rng(seed).spawn(3)
-    drawn = draw_dominant(draw(standin, plan), dominant)
+    drawn = _with_dominant(standin, plan, dominant)
     return Flight(drawn, fly_drawn(drawn, air))
+
+
+def _with_dominant(standin: StandIn, plan: np.random.Generator, dominant: np.random.Generator) -> Drawn:
+    """A flight with what dominates; an aircraft on which no declared size makes a difference is drawn anew."""
+    for _ in range(AIRCRAFT_TRIED - 1 if standin.hidden.sizes else 0):
+        try:
+            return draw_dominant(draw(standin, plan), dominant)
+        except DeclarationError:
+            continue
+    return draw_dominant(draw(standin, plan), dominant)
 
 
 def vehicle_text(drawn: Drawn) -> str:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
-from scenarios.trials.standin.flights.drawing import ELEVATOR, Dominant, Drawn, with_term
+from scenarios.trials.standin.flights.drawing import ELEVATOR, SPEED, Dominant, Drawn, with_term
+from scenarios.trials.standin.flights.level import speed_rate, steered
 from scenarios.trials.standin.flights.maneuvers import CELL, Table
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
@@ -21,7 +22,6 @@ from sim.truth.many_flights import fly_side_by_side
 from sim.truth.measurement import Measurement
 from sim.truth.noise import dryden_gust, white_noise
 
-SPEED = "speed-variation"
 SCATTERED = ("mass", "pitch_inertia", "airspeed", "air_density", "trim_alpha")
 TOGETHER = 250  # records flown at once: more of them do not pay, and want memory
 
@@ -70,12 +70,13 @@ def _fly(drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step:
     causes, time = drawn.standin.causes, sample_times(drawn.rate, drawn.standin.flight.duration)
     found, sensor_seed = _conditions(drawn, number, rng, len(time))
     model = _with_terms(drawn, found.terms).with_values({key: found.constants[key] for key in SCATTERED})
-    moves: dict[str, Maneuver] = {ELEVATOR: drawn.maneuvers[number], "updraft": found.gusts, "thrust": found.thrust}
+    elevator_moves = steered(drawn, number)
+    moves: dict[str, Maneuver] = {ELEVATOR: elevator_moves, "updraft": found.gusts, "thrust": found.thrust}
     std = {name: causes.noise_std[name] for name in drawn.channels if noise and causes.noise_std.get(name, 0.0) > 0}
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, causes.noise_time) if causes.noise_time else {})
     name = f"record_{number + 1}"
     record, _ = fly(model, moves, time, sensor_seed, measurement=sensors, step=step, outputs=drawn.channels, name=name)
-    elevator = _recorded(drawn, time, step, drawn.maneuvers[number]) + found.zero + found.noise
+    elevator = _recorded(drawn, time, step, elevator_moves) + found.zero + found.noise
     levels = _levels(drawn, found)
     outputs = tuple(Channel.of(c.name, c.unit, c.values + levels[c.name]) if c.name in levels else c for c in record.outputs)
     return FlownRecord(replace(record, inputs=(Channel.of(ELEVATOR, "rad", elevator),), outputs=outputs, hold=Hold.LINEAR), found.constants)
@@ -101,14 +102,15 @@ def _fly_some(drawn: Drawn, generators: Sequence[np.random.Generator], channels:
     time = sample_times(drawn.rate, drawn.standin.flight.duration)
     spawned = [generator.spawn(len(drawn.maneuvers)) for generator in generators]
     drawings = [[_conditions(drawn, number, own[number], len(time)) for number in numbers] for own in spawned]
-    elevators = {number: _recorded(drawn, time, step, drawn.maneuvers[number]) for number in numbers}
+    steering = {number: steered(drawn, number) for number in numbers}
+    elevators = {number: _recorded(drawn, time, step, steering[number]) for number in numbers}
     records: list[list[Any]] = [[None] * len(numbers) for _ in generators]
     for names in dict.fromkeys(tuple(term.name for term in found.terms) for found, _ in drawings[0]):
         places = [(d, r) for d, row in enumerate(drawings) for r, (found, _) in enumerate(row) if tuple(term.name for term in found.terms) == names]
         group = [drawings[d][r][0] for d, r in places]
         model = _with_terms(drawn, group[0].terms)
         values = {key: np.array([found.constants[key] for found in group]) for key in SCATTERED}
-        moves = {ELEVATOR: [drawn.maneuvers[found.number] for found in group]}
+        moves = {ELEVATOR: [steering[found.number] for found in group]}
         moves.update(updraft=[found.gusts for found in group], thrust=[found.thrust for found in group])
         if any(isinstance(effect, NoiseEffect) for effect in model.effects):
             rows = _one_by_one(model, values, moves, time, [drawings[d][r][1] for d, r in places], step, channels)
@@ -147,11 +149,8 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
     scatter, path_seed, sensor_seed = rng.spawn(3)
     acting = [dominant for dominant in drawn.hidden if number in dominant.records]
     terms = tuple(dominant for dominant in acting if dominant.name != SPEED)
-    thrust = 0.0
-    for dominant in acting:
-        thrust += dominant.values["rate"] if dominant.name == SPEED else 0.0
     constants, zero = _scattered(drawn.model, drawn, scatter)
-    constants["thrust"] = thrust + causes.speed_drift * constants["airspeed"] / flight.duration * scatter.standard_normal()
+    constants["thrust"] = speed_rate(drawn, number) + causes.speed_drift * constants["airspeed"] / flight.duration * scatter.standard_normal()
     gusts = _gusts(drawn, constants["airspeed"], path_seed)
     pushed = Table(np.full(2, constants["thrust"]), flight.duration)
     return _Conditions(number, terms, constants, gusts, pushed, zero, white_noise(path_seed, samples, causes.input_noise)), sensor_seed

@@ -124,8 +124,14 @@ def _two(rng: np.random.Generator, amplitude: float, unit: float, duration: floa
     return Sum((three_two_one_one(sign * amplitude, 0.85 * unit, start), second))
 
 
+def _step(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+    """One level held for 60 to 80 per cent of the record, and back."""
+    return alternating(_sign(rng) * amplitude, [duration * rng.uniform(0.6, 0.8)], rng.uniform(1.0, 2.0))
+
+
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-KINDS: Mapping[str, Draw] = {"3-2-1-1": _steps, "doublets": _doublets, "multisine": _multisine, "hand-flown": _hand_flown, "two": _two}
+KINDS: Mapping[str, Draw] = {"3-2-1-1": _steps, "doublets": _doublets, "multisine": _multisine, "hand-flown": _hand_flown, "two": _two, "step": _step}
+USUAL = ("3-2-1-1", "doublets", "multisine", "hand-flown", "two")

@@ -10,8 +10,8 @@ import pytest
 from scenarios.preparation.airspeed import with_flow
 from scenarios.trials.standin.declaration import MEASURED, Causes
 from scenarios.trials.standin.fitting import declared_model, estimated, fitted
-from scenarios.trials.standin.flights.drawing import Dominant, Drawn, draw, hiding
-from scenarios.trials.standin.flights.flying import SPEED, fly_drawn, fly_draws
+from scenarios.trials.standin.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
+from scenarios.trials.standin.flights.flying import fly_drawn, fly_draws
 from scenarios.trials.standin.joint_fit import fit_together
 from scenarios.trials.standin.pseudo_true import pseudo_true
 from sim.declaration.compile import compile_model
