@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from ident.tracing import thresholds
+from ident.tracing.belief.evenness import is_even
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.loop import fit_declared, held_out_data
-from ident.tracing.replication.rough_air import is_even, predicted, process_noise_that_stands
+from ident.tracing.replication.rough_air import predicted, process_noise_that_stands
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOutData
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
