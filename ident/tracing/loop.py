@@ -223,6 +223,9 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
 def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
     """Process noise claimed where it stands by one-step predictions; else the judgement as it is."""
     ledger, fitted = process_noise_that_stands(ledger, found.base, found.held)
+    if fitted is None and found.base is not found.root:
+        # A slow gust looks like a phugoid to a search that knows no gusts.
+        ledger, fitted = process_noise_that_stands(ledger, found.root, found.held)
     if fitted is None:
         return ledger, judgement
     spikes = tuple(replace(spike, claimed=False) for spike in found.spikes)

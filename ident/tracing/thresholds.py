@@ -73,7 +73,7 @@ WHOLE_REFIT_UP_TO = 3  # records. chosen: with more, one Gauss-Newton step from 
 
 # Is it rough air? Asked of records that were not fitted, where what is left is not noise.
 # Simulation: coloured noise of one channel or of all, each its own, -0.2 to 0.3; rough air by an independent simulator 0.7 to 1.1.
-SHARE_OF_ANY_COLOUR = 0.5
+SHARE_OF_ANY_COLOUR = 0.35
 EVEN = 1e-3  # theorem: p-value of Spearman's rank correlation; what a model of the forces lacks has 1e-5 and less on two records of 25 s
 FEWEST_SECONDS = 20  # chosen: with fewer the correlation could not reach that p-value unless it were complete
 

@@ -23,7 +23,7 @@ from ident.tracing.candidate_model.quantities import quantities, stands_out_some
 from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.replication.coloured_null import innovation_level
 from ident.tracing.selection.ledger import Ledger, fit
-from ident.tracing.validation.held_out import HeldOutData, held_out
+from ident.tracing.validation.held_out import HeldOutData, held_out, predicted_by
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import NoiseEffect
 
@@ -60,6 +60,8 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
             continue
         if why_not(effect, quantities(fitted, effect), fitted) is not None:
             continue
+        if _simulates_worse(fitted, known, held):
+            continue
         gains = [predicted(fitted, one) for one in known]
         ledger = ledger.told(evidence=[_evidence(base, fitted, gains)])
         if (
@@ -71,6 +73,19 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
             step = Step(fitted.names, fitted.criterion, fitted.fit.log_likelihood, sentence)
             return ledger.kept(fitted, fitted.criterion).told(step), fitted
     return ledger, None
+
+
+def _simulates_worse(fitted: FittedModel, before: Sequence[Fit], held: HeldOutData) -> bool:
+    """Whether its derivatives simulate records that were not fitted clearly worse: turbulence in the place of a steady cause bends them."""
+    after = predicted_by(fitted, held, informed=False).frozen
+    if after is None:
+        return True
+    level = [
+        np.mean(np.concatenate([fit.residuals[0] ** 2 for fit in before], axis=1), axis=1),
+        np.mean(np.concatenate(after.residuals, axis=1) ** 2, axis=1),
+    ]
+    used = (level[0] > 0.0) & (level[1] > 0.0)
+    return bool(np.any(used)) and float(np.mean(0.5 * np.log(level[1][used] / level[0][used]))) > thresholds.WORTH
 
 
 def predicted(fitted: FittedModel, frozen: Fit) -> Predicted:

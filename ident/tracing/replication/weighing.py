@@ -9,8 +9,8 @@ import numpy as np
 
 from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
+from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, recordings, replicate
 from ident.tracing.replication.coloured_null import coloured_gain, explained_share
 from ident.tracing.replication.comparison import CrossValidation
@@ -109,8 +109,8 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         stands, why = False, "a colour of the residual does as well"
     if stands and flight.witness.evidence(finding.effect.name, most_telling(child, finding.effect)) < -thresholds.STRONG_WITNESS:
         stands, why = False, "the kinematics speak against it"
-    if stands and implausible(finding.effect, most_telling(child, finding.effect)):
-        stands, why = False, "its parameters are beyond belief"
+    if stands and why_not(finding.effect, most_telling(child, finding.effect), child) is not None:
+        stands, why = False, "its parameters are beyond belief, or open"
     return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
 
 
