@@ -39,6 +39,7 @@ class TraceSettings:
 
 
 NORMAL = TraceSettings()
-# Chosen: ten times the means, three sets a round, sets of four. More fits of each set (12 names, 3 starts) doubled the time and found no more.
+# Chosen: of three causes, with turbulence in the place of the third, only sets of four show the third; more means or a wider beam do not.
+# 12 names and 3 starts a set double the time and find no more.
 THOROUGH = TraceSettings(beam=3, depth=4, budget=10.0 * NORMAL.budget, effort="thorough")
 EFFORTS = {settings.effort: settings for settings in (NORMAL, THOROUGH)}

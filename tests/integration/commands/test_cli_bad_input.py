@@ -101,6 +101,7 @@ USAGE: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "simulate into another format": (("simulate", "rigid", "--out", "flight.txt"), ("flight.txt", ".txt", ".csv")),
     "identify nothing": (("identify",), ("missing argument 'RECORD'",)),
     "identify without a model": (("identify", "r.csv"), ("missing option '--model'",)),
+    "an effort that there is not": (("diagnose", "r.csv", "--model", "rigid", "--effort", "heroic"), ("--effort", "no effort 'heroic'", "thorough")),
     "a campaign of one run": (("campaign", "rigid", "--runs", "1"), ("'--runs'", "2")),
     "effects": (("effects", "input-dealy"), ("no effect 'input-dealy'", "input-delay")),
     "vehicles": (("vehicles", "bomber"), ("no vehicle 'bomber'", "bomber_rigid")),
