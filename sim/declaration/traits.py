@@ -34,6 +34,7 @@ class Traits:
         these alone.
     same_as : local name -> (effect, least size): where this parameter is larger than that, the effect is the same thing under another name, which
         no record without further channels tells apart; a claim names it beside its own.
+    never_beside : names of effects that are never in one set with it: of one slow fault, or one law of the airspeed, a record shows no more.
     rarer_than : names of effects that explain the same and are the likelier cause: it takes their place only where the data prefer it.
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     loose : local names of parameters that a claim need not know: their sigma may exceed their value.
@@ -62,6 +63,7 @@ class Traits:
     twins: tuple[str, ...] = ()
     equivalents: tuple[str, ...] = ()
     same_as: Mapping[str, tuple[str, float]] = field(default_factory=lambda: _NO_NAMES)
+    never_beside: tuple[str, ...] = ()
     rarer_than: tuple[str, ...] = ()
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     loose: tuple[str, ...] = ()

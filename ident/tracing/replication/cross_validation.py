@@ -156,7 +156,7 @@ def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]
 def _promising(fitted: FittedModel, candidates: Sequence[Traceable]) -> list[Finding]:
     """The candidates whose projected gain, in effective samples, pays for their parameters; the largest first."""
     share = _effective(fitted)
-    twins = {twin for effect in fitted.effects for twin in (*effect.traits.twins, *(name for name, _ in effect.traits.same_as.values()))}
+    twins = {twin for effect in fitted.effects for twin in (*effect.traits.twins, *effect.traits.never_beside)}
     samples = share * float(fitted.fit.counts.sum())
     findings = [finding for finding in screen(fitted, candidates, search_context(fitted)) if finding.effect.name not in twins]
     most = findings[0].gain if findings else 0.0

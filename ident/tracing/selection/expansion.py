@@ -212,9 +212,9 @@ def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tupl
 
 
 def _excluded(fitted: FittedModel, effect: Traceable) -> bool:
-    """One late effect per sensor: a lag and a delay of the same channel are one thing described twice; one law of what changes the speed."""
-    same = {name for other in fitted.effects for name, _ in other.traits.same_as.values()} | {name for name, _ in effect.traits.same_as.values()}
-    return any(twin in fitted.names for twin in effect.traits.twins) or effect.name in same or not same.isdisjoint(fitted.names)
+    """One late effect per sensor: a lag and a delay of the same channel are one thing described twice; likewise what is never beside another."""
+    barred = {*effect.traits.twins, *effect.traits.never_beside}
+    return any(other.name in barred or effect.name in other.traits.never_beside for other in fitted.effects)
 
 
 def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, others: tuple[str, ...]) -> Candidate:

@@ -21,6 +21,7 @@ from scenarios.trials.papers.kinds import KINDS, drawable, families
 from scenarios.trials.papers.marking import mark_of, mark_of_refusal
 from scenarios.trials.papers.paper import Mark, Paper
 from scenarios.trials.papers.vehicles import RATES, Flight, drawn_flights, drawn_vehicle, vehicle_file
+from scenarios.trials.papers.visible import all_visible
 from scenarios.trials.scoring import same_fault
 from sim.declaration.model import Model
 from sim.errors import FlightidError, ModelError
@@ -66,13 +67,27 @@ def write_paper(seed: int, folder: Path) -> Written:
     rate = float(rng.choice(RATES[name]))
     channels = ("altitude",) if name == "ballistic" else ("alpha", "q", "nz") if rng.random() < 0.75 else ("alpha", "q")
     group = _chosen(GROUPS, rng)
+    for _ in range(TRIES):
+        written = _written(seed, name, label, model, rate, channels, group, folder, rng)
+        if written is not None:
+            return written
+    raise ModelError(f"{TRIES} papers hide what no one could see", where=f"paper {seed}", remedy="draw larger sizes of what is hidden")
+
+
+def _written(
+    seed: int, name: str, label: str, model: Model, rate: float, channels: tuple[str, ...], group: str, folder: Path, rng: np.random.Generator
+) -> Written | None:
+    """A paper of a group; None where what was drawn could not be flown, or seen."""
     hidden = drawn_hidden(group, name, channels, rng)
     answers = frozenset(KINDS[kind].answer for kind in hidden if KINDS[kind].answer)
     outside = any(not KINDS[kind].answer for kind in hidden)
     told = {0: "nothing", 1: "one effect", 2: "two effects"}[len(answers)] if not outside else group
     paper = Paper(seed, label, hidden, answers, outside, channels, rate, name, told)
     train, validate = drawn_flights(model, rate, rng)
-    first, records = _flown_sanely(paper, train, validate, rng)
+    sane = _flown_sanely(paper, train, validate, rng)
+    if sane is None:
+        return None
+    first, records = sane
     for stem, record in zip(("train", "validate"), records, strict=True):
         write_record(folder, record, stem)
     vehicle = folder / "vehicle.toml"
@@ -80,16 +95,18 @@ def write_paper(seed: int, folder: Path) -> Written:
     return Written(paper, model, first, Request((folder / "train.csv",), name, vehicle, (folder / "validate.csv",)))
 
 
-def _flown_sanely(paper: Paper, train: Flight, validate: Flight, rng: np.random.Generator) -> tuple[Values, tuple[Record, Record]]:
-    """What is hidden in the first record, and both; drawn anew where it would throw the aircraft out of the range of any model."""
+def _flown_sanely(paper: Paper, train: Flight, validate: Flight, rng: np.random.Generator) -> tuple[Values, tuple[Record, Record]] | None:
+    """What is hidden in the first record, and both; drawn anew where it would not be seen, or leave the range of any model."""
     for _ in range(TRIES):
         first = drawn_values(paper.hidden, train.setting, rng)
+        if not all_visible(paper, first, train):
+            continue
         again = values_again(paper.hidden, first, validate.setting, rng)
         try:
             return first, (flown(paper, first, train, rng), flown(paper, again, validate, rng))
         except ModelError:
             continue
-    raise ModelError(f"{TRIES} draws leave the range of the model", where=f"paper {paper.seed}", remedy="draw smaller sizes of what is hidden")
+    return None
 
 
 def drawn_hidden(group: str, model: str, channels: tuple[str, ...], rng: np.random.Generator) -> tuple[str, ...]:

@@ -44,14 +44,7 @@ def flown(paper: Paper, values: Values, flight: Flight, rng: np.random.Generator
     ------
     ModelError : what is hidden takes the aircraft beyond what perturbations about trim describe.
     """
-    setting = flight.setting
-    true = setting.model.with_noise(Noise())
-    for name, drawn in values.items():
-        if KINDS[name].term:
-            true = _with_term(true, name, drawn, setting)
-    time = sample_times(paper.rate, setting.duration)
-    inputs = {CONTROL[paper.model]: as_sampled(flight.maneuver, time, setting.interval)} if flight.maneuver is not None else None
-    record, _ = fly(true, inputs, time, rng, step=STEP, outputs=paper.channels)
+    record = simulated(paper, values, flight, rng, {})
     if "alpha" in paper.channels and np.max(np.abs(record["alpha"].values)) > STEEPEST:
         raise ModelError(f"alpha exceeds {STEEPEST:g} rad", where=f"paper {paper.seed}", remedy="draw what is hidden anew")
     outputs = (Channel.of(c.name, c.unit, c.values + NOISE[c.name] * rng.standard_normal(len(record))) for c in record.outputs)
@@ -60,6 +53,18 @@ def flown(paper: Paper, values: Values, flight: Flight, rng: np.random.Generator
         spoils = KINDS[name].spoils
         record = record if spoils is None else spoils(record, drawn, rng)
     return record
+
+
+def simulated(paper: Paper, values: Values, flight: Flight, rng: np.random.Generator, changed: Mapping[str, float], *, step: float = STEP) -> Record:
+    """The same without noise and recorder, some of the vehicle's parameters ``changed``; ``step`` of the integration in s."""
+    setting = flight.setting
+    true = setting.model.with_noise(Noise()).with_values(changed)
+    for name, drawn in values.items():
+        if KINDS[name].term:
+            true = _with_term(true, name, drawn, setting)
+    time = sample_times(paper.rate, setting.duration)
+    inputs = {CONTROL[paper.model]: as_sampled(flight.maneuver, time, setting.interval)} if flight.maneuver is not None else None
+    return fly(true, inputs, time, rng, step=step, outputs=paper.channels)[0]
 
 
 def _with_term(model: Model, name: str, drawn: Mapping[str, float], setting: Setting) -> Model:

@@ -72,6 +72,7 @@ class Phugoid:
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
             plausible={"trim_moment": BELIEVED} | ({} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST)}),
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
+            never_beside=("speed-variation",),
             per_record=not self.speed_recorded,
             of_aircraft=() if self.speed_recorded else ("speed_damping", "induced_drag", "trim_moment"),
             background=True,

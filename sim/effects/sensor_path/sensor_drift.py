@@ -57,6 +57,7 @@ class SensorDrift:
         return Traits(
             sentences=("the reading of the {channel} drifts by {slope}",),
             separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
+            never_beside=(f"sensor-step:{self.channel}",),
             plausible={"slope": (-20.0 * self.typical, 20.0 * self.typical)},
             per_record=True,
         )

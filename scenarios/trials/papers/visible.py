@@ -1,0 +1,62 @@
+"""Can what is hidden be seen in the record that is fitted? An effect below the noise, or within reach of the parameters, is no question.
+
+Its strength is the expected gain of the log likelihood: half the squared change that taking it away makes to the outputs, in noise sigmas, as far
+as no change of the declared parameters, of biases, or of the size of what else is hidden can stand in for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenarios.trials.papers.flying import STEP, Values, simulated
+from scenarios.trials.papers.kinds import KINDS
+from scenarios.trials.papers.paper import Paper
+from scenarios.trials.papers.vehicles import NOISE, Flight, estimated
+from scenarios.trials.planted.hiding import find_term
+from sim.declaration.effect import NoiseEffect
+from sim.errors import ModelError
+
+LEAST = 40.0  # log likelihood: at that strength the weak effects of ``detection`` are all detected
+COARSE = 4.0 * STEP  # s
+SLOPE = 1e-3  # of a parameter's value
+
+
+def all_visible(paper: Paper, values: Values, flight: Flight) -> bool:
+    """Whether each effect of the library that is hidden in a record can be seen there; what is random, foreign or the recorder's is not asked."""
+    asked = [name for name in values if KINDS[name].answer and _is_smooth(name, flight)]
+    if not asked:
+        return True
+    true = _whitened(paper, values, flight, {})
+    model = flight.setting.model
+    columns = [np.kron(np.eye(len(true)), np.ones((true.shape[1], 1)))]
+    for name in estimated(paper.model):
+        change = SLOPE * model.parameters[name].value
+        columns.append((_whitened(paper, values, flight, {name: model.parameters[name].value + change}) - true).reshape(-1, 1) / SLOPE)
+    gone = {name: (_whitened(paper, {k: v for k, v in values.items() if k != name}, flight, {}) - true).reshape(-1, 1) for name in asked}
+    return all(_left([*columns, *(other for key, other in gone.items() if key != name)], gone[name]) > LEAST for name in asked)
+
+
+def _left(columns: list[np.ndarray], change: np.ndarray) -> float:
+    """Half the square of what the columns leave of a change."""
+    basis = np.concatenate(columns, axis=1)
+    basis = basis / (np.linalg.norm(basis, axis=0) + 1e-300)
+    rest = change - basis @ np.linalg.lstsq(basis, change, rcond=1e-9)[0]
+    return 0.5 * float(np.sum(rest**2))
+
+
+def _is_smooth(name: str, flight: Flight) -> bool:
+    """Whether a kind acts in the flight, and not at random: spikes and turbulence are seen by themselves or not at all."""
+    kind = KINDS[name]
+    if not kind.term or "spikes" in kind.term:
+        return False
+    return not isinstance(find_term(kind.term, flight.setting.model.equations, name), NoiseEffect)
+
+
+def _whitened(paper: Paper, values: Values, flight: Flight, changed: dict[str, float]) -> np.ndarray:
+    """Outputs without noise in its sigmas, ``(channels, N)``, of the aircraft with some parameters changed; zeros where it cannot be flown."""
+    smooth = {name: drawn for name, drawn in values.items() if _is_smooth(name, flight)}
+    try:
+        record = simulated(paper, smooth, flight, np.random.default_rng(0), changed, step=COARSE)
+    except ModelError:
+        return np.zeros((len(paper.channels), 1))
+    return np.stack([channel.values / NOISE[channel.name] for channel in record.outputs])
