@@ -29,9 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for case in cases(given.cause, given.size, given.vehicle):
         if given.measure:
             left = seen_beside_rigid(case, given.seed)
-            print(
-                f"{case.folder:36}", "  ".join(f"{name} {sigmas:5.1f} sigma {100 * part:4.0f} %" for name, (sigmas, part) in left.items()), flush=True
-            )
+            shown = (f"{name} {sigmas:5.1f} sigma {100.0 * part:4.0f} %" for name, (sigmas, part) in left.items())
+            print(f"{case.folder:36}", "  ".join(shown), flush=True)
         else:
             how = Recording(rate=given.rate or case.rate, channels=tuple(given.channels))
             print(write_case(given.out, case, how, given.seed).name, flush=True)

@@ -86,14 +86,7 @@ def store_flutter(size: float, vehicle: Vehicle, duration: float, rng: np.random
 CAUSES = (
     Cause("fuel-slosh", "part of Cm_alpha", (0.01, 0.03, 0.07), fuel_slosh, "elastic-mode phugoid unmeasured-input", ""),
     Cause("inertia-coupling", "rad of bank", (0.1, 0.2, 0.35), inertia_coupling, "unmeasured-input gust-turbulence", ""),
-    Cause(
-        "payload-slides",
-        "part of mass times chords",
-        (0.003, 0.008, 0.02),
-        payload_slides,
-        "derivative-jump unmeasured-input moment-nonlinearity",
-        "",
-    ),
+    Cause("payload-slides", "part of mass times chords", (0.003, 0.008, 0.02), payload_slides, "derivative-jump unmeasured-input"),
     # A store that swings on its pylon is a structure that bends; what it is not is an oscillator with damping, and no reader would miss that name.
     Cause("store-flutter", "g", (0.02, 0.05, 0.12), store_flutter, "gust-turbulence", "nz", right="elastic-mode"),
 )

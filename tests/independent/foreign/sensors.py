@@ -60,7 +60,7 @@ def wandering_hum(size: float, vehicle: Vehicle, duration: float, rng: np.random
 CAUSES = (
     # The zero of the gyro does drift; that the drift dies out within seconds a straight line over a short record leaves open.
     Cause("gyro-warms", "sigma", (2.0, 6.0, 15.0), gyro_warms, "sensor-step:q speed-variation", "q", right="sensor-drift:q"),
-    Cause("vane-feels-elevator", "part", (0.05, 0.15, 0.4), vane_feels_elevator, "sensor-lag:alpha vane-offset sensor-scale:alpha", "alpha"),
-    Cause("vane-on-spring", "Hz", (3.0, 2.0, 1.4), vane_on_spring, "sensor-lag:alpha sensor-delay:alpha vane-offset elastic-mode", "alpha"),
+    Cause("vane-feels-elevator", "part", (0.08, 0.2, 0.5), vane_feels_elevator, "sensor-lag:alpha vane-offset sensor-scale:alpha", "alpha"),
+    Cause("vane-on-spring", "Hz", (3.0, 1.8, 1.3), vane_on_spring, "sensor-lag:alpha sensor-delay:alpha vane-offset elastic-mode", "alpha"),
     Cause("wandering-hum", "sigma", (1.0, 3.0, 8.0), wandering_hum, "elastic-mode gust-turbulence", "q"),
 )

@@ -17,6 +17,7 @@ from tests.independent.short_period import Added, Hidden, rates
 
 STEP = 1.0 / 200.0  # s
 NOT_MOVING = np.zeros(0)
+DECLARED = Hidden()
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def _motion(vehicle: Vehicle, hidden: Hidden, term: Term, time: float, state: np
     return np.concatenate([whole, term.rates(now)]), load
 
 
-def flown_with(vehicle: Vehicle, maneuver: Maneuver, size: float, term: Term, hidden: Hidden = Hidden(), step: float = STEP) -> Flight:
+def flown_with(vehicle: Vehicle, maneuver: Maneuver, size: float, term: Term, hidden: Hidden = DECLARED, step: float = STEP) -> Flight:
     """A maneuver of ``size`` rad on the recorded elevator, with a term that is not declared."""
     time = step * np.arange(round(maneuver.duration / step) + 1)
     command, middle = size * maneuver.at(time), size * maneuver.at(time + 0.5 * step)
