@@ -77,7 +77,7 @@ def test_the_rigid_fit_finds_a_rigid_aircraft() -> None:
     flight = flown_with(TRAINER, training(0.3)[0], 0.02, Term())
     found, left = best_rigid(TRAINER, [flight])
     np.testing.assert_allclose(found, list(TRAINER.derivatives.values()), rtol=0.02)
-    # Ramps bend between samples at 50 Hz, where the fit has straight lines: a twentieth of a sensor's noise.
+    # Ramps bend between grid points, where the fit has straight lines: less than a twentieth of a sensor's noise.
     assert np.all(np.max(np.abs(left[0]), axis=1) < 0.05 * np.array([USUAL[name] for name in SHOWN]))
     shown = predicted(TRAINER, np.array(list(TRAINER.derivatives.values())), flight.elevator, flight.step)
     # Straight lines between the samples of the fine grid, and bends of the ramps between them.

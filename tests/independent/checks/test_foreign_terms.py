@@ -55,15 +55,15 @@ def linear_motion(v: Vehicle, made: np.ndarray, own: np.ndarray, flight_time: np
 
 def linear_of(name: str, size: float, v: Vehicle) -> tuple[np.ndarray, np.ndarray]:
     """``made`` and ``own`` of a cause, written out a second time; columns alpha, q, own states, command."""
-    d, command = v.derivatives, [0.0, 0.0, 0.0, 1.0]
+    d = v.derivatives
     if name == "wagner":
         share, pace = (0.165, 0.335), [2.0 * v.airspeed / (v.chord * size) * b for b in (0.0455, 0.3)]
         lift = d["CL_alpha"] * np.array([-sum(share), 0.0, *share, 0.0])
         return np.array([[0.0, 0.0, 0.0, 0.0, 1.0], lift, np.zeros(5)]), np.array([[pace[0], 0, -pace[0], 0, 0], [pace[1], 0, 0, -pace[1], 0]])
     if name == "memory":
         moment = size * d["Cm_alpha"] * np.array([1.0, 0.0, -1.0, 0.0])
-        pace = v.short_period()[0] / 2.0
-        return np.array([command, -moment / 2.5, moment]), np.array([[pace, 0.0, -pace, 0.0]])
+        slow = v.short_period()[0] / 2.0
+        return np.array([[0.0, 0.0, 0.0, 1.0], -moment / 2.5, moment]), np.array([[slow, 0.0, -slow, 0.0]])
     if name == "creep":
         return np.array([[0.0, 0.0, -1.0, 1.0], np.zeros(4), np.zeros(4)]), np.array([[0.0, 0.0, -1.0 / 1.2, size / 1.2]])
     if name == "bobweight":
@@ -143,7 +143,7 @@ def test_hysteresis_depends_on_the_way_and_not_on_the_pace() -> None:
             z = z + h * term.rates(now_of(TRAINER, own=(float(z[0]),), alpha_rate=pace))
         assert z[0] == pytest.approx(bend * (1.0 - np.exp(-3.0)), rel=1e-3)
     lift, moment = term.loads(now_of(TRAINER, own=(float(bend),)))
-    assert (lift, moment) == (pytest.approx(-0.4 * TRAINER.derivatives["CL_alpha"] * bend), 0.0)
+    assert lift == pytest.approx(-0.4 * TRAINER.derivatives["CL_alpha"] * bend) and moment == 0.0
 
 
 def test_buffet_shakes_in_its_band_above_trim_only() -> None:

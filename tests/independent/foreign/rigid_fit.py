@@ -52,7 +52,7 @@ def best_rigid(vehicle: Vehicle, flights: Sequence[Flight]) -> tuple[np.ndarray,
     start = np.array(list(vehicle.derivatives.values()))
 
     def left(scale: np.ndarray) -> list[np.ndarray]:
-        pairs = [(measured(one), predicted(vehicle, start * scale, one.elevator[::STRIDE], one.step * STRIDE)) for one in flights]
+        pairs = [(measured(one), predicted(vehicle, start * scale, one.elevator, one.step)[:, ::STRIDE]) for one in flights]
         return [centred(shown - said) for shown, said in pairs]
 
     def stacked(scale: np.ndarray) -> np.ndarray:
