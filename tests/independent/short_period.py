@@ -42,6 +42,19 @@ class Hidden:
     deceleration: float = 0.0
 
 
+@dataclass(frozen=True)
+class Added:
+    """Coefficients of lift and moment beside the rigid ones, the angle (rad) by which rising air adds to alpha in the loads, and the bank (rad)."""
+
+    lift: float = 0.0
+    moment: float = 0.0
+    upwash: float = 0.0
+    bank: float = 0.0
+
+
+NONE_ADDED = Added()
+
+
 def second_order(frequency: float, damping: float) -> Path:
     """An actuator of natural ``frequency`` (rad/s) and damping ratio, exact for commands that run straight between grid points."""
     system = (np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]]), np.array([[0.0], [frequency**2]]), np.eye(2), np.zeros((2, 1)))
@@ -72,7 +85,7 @@ def first_order(lag: float) -> Path:
     return act
 
 
-def rates(vehicle: Vehicle, hidden: Hidden, state: np.ndarray, surface: float) -> tuple[np.ndarray, float]:
+def rates(vehicle: Vehicle, hidden: Hidden, state: np.ndarray, surface: float, added: Added = NONE_ADDED) -> tuple[np.ndarray, float]:
     """Time derivative of (alpha, q, theta, V), perturbations but for V, and the load factor; ``surface`` about trim."""
     alpha, q, theta, speed = state
     d = vehicle.derivatives
@@ -80,8 +93,9 @@ def rates(vehicle: Vehicle, hidden: Hidden, state: np.ndarray, surface: float) -
     felt = q * vehicle.chord / (2.0 * speed)
     control = surface + hidden.unequal * abs(surface)
     trim = vehicle.mass * G0 / (0.5 * vehicle.air_density * vehicle.airspeed**2 * vehicle.wing_area)
-    lift = trim + d["CL_alpha"] * alpha + d["CL_q"] * felt + d["CL_de"] * control
-    moment = d["Cm_alpha"] * alpha + d["Cm_q"] * felt + d["Cm_de"] * control
+    air = alpha + added.upwash
+    lift = trim + d["CL_alpha"] * air + d["CL_q"] * felt + d["CL_de"] * control + added.lift
+    moment = d["Cm_alpha"] * air + d["Cm_q"] * felt + d["Cm_de"] * control + added.moment
     load = pressure_area * lift / (vehicle.mass * G0)
     path = theta - alpha
     slower = -hidden.deceleration
@@ -89,7 +103,7 @@ def rates(vehicle: Vehicle, hidden: Hidden, state: np.ndarray, surface: float) -
         drag = pressure_area * (ZERO_LIFT_DRAG + INDUCED_DRAG * lift**2)
         thrust = 0.5 * vehicle.air_density * vehicle.airspeed**2 * vehicle.wing_area * (ZERO_LIFT_DRAG + INDUCED_DRAG * trim**2)
         slower += -G0 * np.sin(path) + (thrust - drag) / vehicle.mass
-    weight = np.cos(path) if hidden.exchange else 1.0
+    weight = np.cos(added.bank) * (np.cos(path) if hidden.exchange else 1.0)
     q_rate = pressure_area * vehicle.chord * moment / vehicle.pitch_inertia
     return np.array([q - G0 / speed * (load - weight), q_rate, q, slower]), load
 
