@@ -1,4 +1,7 @@
-"""Is what is left as large where the aircraft hardly moves as where it does? Rough air is; what a model of the forces lacks is not."""
+"""Is what is left as large where the aircraft hardly moves as where it does, and throughout? Rough air is; what a model of the forces lacks is not.
+
+Nor is an episode: the wake of another aircraft is a gust, and no turbulence.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,23 @@ from ident.whole_record.gauss_newton import Fit
 def is_even(fits: Sequence[Fit]) -> bool:
     """Whether enough seconds of all records say so."""
     chance = chance_that_even(fits)
-    return chance is not None and chance > thresholds.EVEN
+    return chance is not None and chance > thresholds.EVEN and loudest_fifth(fits) < thresholds.EPISODE
 
 
 def is_uneven(fits: Sequence[Fit]) -> bool:
     """Whether enough seconds of all records deny it."""
     chance = chance_that_even(fits)
-    return chance is not None and chance <= thresholds.EVEN
+    return chance is not None and (chance <= thresholds.EVEN or loudest_fifth(fits) >= thresholds.EPISODE)
+
+
+def loudest_fifth(fits: Sequence[Fit]) -> float:
+    """Share of the power of what is left that falls into the loudest fifth of each record's seconds; the mean over records."""
+    shares = []
+    for fit in fits:
+        for r in range(len(fit.lines)):
+            left = np.sort(_by_second(fit, r)[1])[::-1]
+            shares.append(float(left[: max(1, round(0.2 * len(left)))].sum() / (left.sum() + 1e-300)))
+    return float(np.mean(shares))
 
 
 def chance_that_even(fits: Sequence[Fit]) -> float | None:

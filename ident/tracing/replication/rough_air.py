@@ -60,7 +60,7 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
             continue
         if why_not(effect, quantities(fitted, effect), fitted) is not None:
             continue
-        if _simulates_worse(fitted, known, held):
+        if _simulates_worse(fitted, known, held) or _steadier(ledger, fitted):
             continue
         gains = [predicted(fitted, one) for one in known]
         ledger = ledger.told(evidence=[_evidence(base, fitted, gains)])
@@ -73,6 +73,11 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
             step = Step(fitted.names, fitted.criterion, fitted.fit.log_likelihood, sentence)
             return ledger.kept(fitted, fitted.criterion).told(step), fitted
     return ledger, None
+
+
+def _steadier(ledger: Ledger, fitted: FittedModel) -> bool:
+    """Whether a set without process noise that the search has passed explains the fitted records better: what it lacks is no chance."""
+    return any(other.criterion < fitted.criterion for other in ledger.models.values() if not has_process_noise(other.system))
 
 
 def _simulates_worse(fitted: FittedModel, before: Sequence[Fit], held: HeldOutData) -> bool:
