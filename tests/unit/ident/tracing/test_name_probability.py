@@ -31,7 +31,9 @@ def behind(odds: float) -> float:
     return 4.0 * math.log(odds)
 
 
-def told(*sets: ComparedSet, name: str = LAG, others: tuple[str, ...] = (), twins: tuple[str, ...] = (), ground: Ground = Ground.NOISE_LEFT) -> dict[str, float]:
+def told(
+    *sets: ComparedSet, name: str = LAG, others: tuple[str, ...] = (), twins: tuple[str, ...] = (), ground: Ground = Ground.NOISE_LEFT
+) -> dict[str, float]:
     return dict(name_probabilities(name, others, Weighed(ground, sets), twins))
 
 
@@ -113,7 +115,9 @@ def test_claims_get_theirs_hints_and_what_was_never_weighed_get_none() -> None:
     sets = (ComparedSet((LAG, SCALE), 0.0), ComparedSet((DELAY, SCALE), behind(3.0)), ComparedSet((LAG, "other"), behind(4.0)))
     weighed = Weighed(Ground.NOISE_LEFT, sets)
     lag, scale = Claim(LAG, {}, weighed=weighed), Claim(SCALE, {}, weighed=weighed)
-    first, second, hint, unknown = with_probabilities([lag, scale, Claim("hint", {}, claimed=False, weighed=weighed), Claim("x", {})], {LAG: (DELAY,)})
+    first, second, hint, unknown = with_probabilities(
+        [lag, scale, Claim("hint", {}, claimed=False, weighed=weighed), Claim("x", {})], {LAG: (DELAY,)}
+    )
     total = 1.0 + 1.0 / 3.0 + 1.0 / 4.0
     assert dict(first.probability) == pytest.approx({LAG: BAR, SOMETHING_ELSE: 0.2})
     assert dict(second.probability) == pytest.approx({SCALE: BAR * (4.0 / 3.0) / total, "other": BAR * 0.25 / total, SOMETHING_ELSE: 0.2})

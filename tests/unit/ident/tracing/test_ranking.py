@@ -113,7 +113,7 @@ def test_a_guard_that_ties_on_the_fitted_record_and_wins_where_it_was_not_fitted
     assert 0.0 < behind < SETTINGS.near
     elsewhere = planted([AHEAD], {"vane-offset.arm": 12.0}, 9)
     after, choice = choose_among_near(ledger, best, data(ledger, [elsewhere]))
-    assert choice.best.guards == (guard.name,) and not choice.best is best and choice.out.informed is not None
+    assert choice.best.guards == (guard.name,) and choice.best is not best and choice.out.informed is not None
     verdict, cautions = verdict_on(after.problem, ledger.models[frozenset()], choice, [], ResidualTests(()), data(ledger, [elsewhere]))
     assert verdict is Verdict.UNEXPLAINED and cautions[0].concern is Concern.GUARD
     # Not where the other data do not choose, nor where they speak for the effect; and then what was compared is told with the guard.

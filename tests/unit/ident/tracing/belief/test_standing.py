@@ -64,7 +64,7 @@ def test_a_number_beyond_belief_is_refused_without_slack(fitted: FittedModel) ->
 def test_a_moment_of_the_engines_is_believed_to_three_times_what_is_known_of_it(fitted: FittedModel, moment: float, believed: bool) -> None:
     """Also where the airspeed is recorded, and nothing else is left to find."""
     prior = next(item.prior_std for item in Phugoid().parameters if item.name == "trim_moment")
-    assert prior is not None and abs(moment) < 3.0 * prior or not believed
+    assert (prior is not None and abs(moment) < 3.0 * prior) or not believed
     for phugoid in (Phugoid(), Phugoid(speed_recorded=True)):
         why = why_not(phugoid, told(trim_moment=(moment, 1e-3, "1")), fitted)
         assert (why is None) is believed and (why is None or (why.concern is Concern.BEYOND_BELIEF and "trim_moment" in why.sentence))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.replication.by_record import Replication
 from ident.tracing.replication.each_its_own import own_values, predicted_gains, stands_by_prediction
 from ident.tracing.replication.error_reduction import Reduction
-from ident.tracing.replication.by_record import Replication
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_drift import SensorDrift
