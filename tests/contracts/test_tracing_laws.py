@@ -33,7 +33,7 @@ CONTEXTS = {
     "nothing known": SearchContext(0.0, 5.0, 0.01),
 }
 # A tracked fall alone cannot show these: they equal another start or another ballistic coefficient.
-INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude", "sensor-scale:altitude"}
+INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude"}
 every_context = pytest.mark.parametrize("context", CONTEXTS.values(), ids=CONTEXTS)
 CASES = [
     pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}")

@@ -11,6 +11,7 @@ from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, E
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
+from scenarios.diagnosis.report.probabilities import shown_probability
 from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
 from scenarios.files.versions import versions
@@ -90,6 +91,7 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
         "sentence": sentence(claim, wording),
     }
     out |= {} if claim.claimed else {"claimed": False}
+    out |= {"probability": shown_probability(claim)} if claim.probability else {}
     out |= {"records": list(claim.records)} if claim.records else {}
     out |= {"derivatives_under": {member: quantities(each) for member, each in claim.derivatives_under.items()}} if claim.derivatives_under else {}
     out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}

@@ -17,6 +17,7 @@ from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, s
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
+from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.preparation.record_words import record_rows
 from sim.declaration.traits import GUARD
@@ -104,6 +105,7 @@ def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
         "name": claim.name,
         "claimed": claim.claimed,
         "sentence": _capital(text.effect_heading(claim, wording)),
+        "probability": probability_sentence(claim),
         "parameters": parameter_text(claim, wording),
         "alternatives": claim.alternatives,
         "explanation": claim.explanation or tracing.explanations.get(claim.name, ""),

@@ -12,6 +12,7 @@ from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
+from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.preparation.record_words import record_lines
@@ -215,6 +216,7 @@ def _effect_lines(tracing: Tracing, width: int) -> list[str]:
     for claim in tracing.diagnosis.effects:
         heading = effect_heading(claim, wording)
         lines += wrapped(heading if heading.startswith(claim.name) else f"{claim.name}: {heading}", width)
+        lines += wrapped(probability_sentence(claim), width, "    ")
         if claim.parameters:
             lines += wrapped(parameter_text(claim, wording), width, "    ")
     for line in verdict_advice(tracing):

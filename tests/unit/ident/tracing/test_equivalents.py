@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.equivalents import misfit_to_declared, told_by_declared
+from ident.tracing.diagnosis import Diagnosis, Quantity, Verdict
+from ident.tracing.equivalents import misfit_to_declared, same_by_value, told_by_declared
 from ident.tracing.loop import diagnose
+from ident.tracing.ranking import Choice
+from ident.tracing.validation.held_out import HeldOut
+from ident.tracing.verdict import claims_of
 from sim.declaration.model import Model
+from sim.effects.disturbance.phugoid import EVEN_CHANGE, Phugoid
 from sim.effects.guards.vane_behind import VaneBehind
 from sim.effects.sensor_path.accelerometer_offset import AccelerometerOffset
 from sim.effects.sensor_path.vane_offset import VaneOffset
@@ -96,3 +100,19 @@ def test_a_declared_value_of_zero_says_nothing() -> None:
     silent = replace(fitted, declared=fitted.declared.with_values({"CL_de": 0.0}))
     assert misfit_to_declared(silent) <= misfit_to_declared(replace(fitted, declared=fitted.declared.with_values({"CL_de": 1.0})))
     assert set(OUTPUTS) <= set(fitted.system.output_names)
+
+
+@pytest.mark.parametrize(("value", "std", "same"), [(0.05, 0.005, True), (-0.05, 0.005, True), (0.05, 0.02, False), (0.9 * EVEN_CHANGE, 1e-4, False)])
+def test_a_phugoid_along_a_path_that_is_not_level_is_an_even_change_of_speed(value: float, std: float, same: bool) -> None:
+    """Where the attitude is known and large enough; a recorded airspeed leaves no attitude to be taken for one."""
+    found = {"attitude": Quantity(value, std, "rad"), "trim_moment": Quantity(0.5, 1e-6, "1")}
+    assert same_by_value(Phugoid(), found) == (("speed-variation",) if same else ())
+    assert same_by_value(Phugoid(speed_recorded=True), found) == () == same_by_value(Phugoid(), {"trim_moment": found["trim_moment"]})
+
+
+def test_a_claimed_phugoid_names_the_change_of_speed_that_it_is_and_a_level_one_does_not() -> None:
+    for attitude, expected in ((0.1, ("speed-variation",)), (0.0, ())):
+        values = {"phugoid.attitude": attitude, "phugoid.speed_damping": 0.01, "phugoid.induced_drag": 5.0, "phugoid.trim_moment": 0.0}
+        problem = problem_of([planted([Phugoid()], values, 3)], (Phugoid(),))
+        (claim,) = claims_of(problem, Choice(fit_of(problem, (Phugoid(),)), HeldOut(None, None)))
+        assert claim.alternatives == expected

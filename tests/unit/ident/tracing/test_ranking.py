@@ -9,11 +9,13 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.diagnosis import Concern, Verdict
 from ident.tracing.ranking import Choice, alternatives_of, believable_choice, choose_among_near, is_ambiguous
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, held_out, predicted_by
+from ident.tracing.verdict import ResidualTests, verdict_on
 from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -101,6 +103,23 @@ def test_where_other_data_doubt_the_best_set_rivals_are_looked_for_farther_away(
     for calm in (replace(held, choosing=False), data(ledger, [planted([LATE], {"sensor-delay:alpha.delay": 0.05}, 9)])):
         _, choice = choose_among_near(ledger, best, calm)
         assert choice.best.names == (LATE.name,) and set(choice.totals) == {frozenset({LATE.name})}
+
+
+def test_a_guard_that_ties_on_the_fitted_record_and_wins_where_it_was_not_fitted_outdoes_the_set() -> None:
+    """A late vane where the fitted record was flown; in the other one alpha holds a share of the pitch rate, which is no effect here."""
+    guard = RateInAlpha(guard=True)
+    ledger, best = ledger_of(planted([LATE], {"sensor-delay:alpha.delay": 0.02}, 2), [LATE], [guard])
+    behind = ledger.models[frozenset({guard.name})].criterion - best.criterion
+    assert 0.0 < behind < SETTINGS.near
+    elsewhere = planted([AHEAD], {"vane-offset.arm": 12.0}, 9)
+    after, choice = choose_among_near(ledger, best, data(ledger, [elsewhere]))
+    assert choice.best.guards == (guard.name,) and choice.best is not best and choice.out.informed is not None
+    verdict, cautions = verdict_on(after.problem, ledger.models[frozenset()], choice, [], ResidualTests(()), data(ledger, [elsewhere]))
+    assert verdict is Verdict.UNEXPLAINED and cautions[0].concern is Concern.GUARD
+    # Not where the other data do not choose, nor where they speak for the effect; and then what was compared is told with the guard.
+    assert choose_among_near(ledger, best, data(ledger, [elsewhere], choosing=False))[1].best.names == (LATE.name,)
+    _, choice = choose_among_near(ledger, best, data(ledger, [planted([LATE], {"sensor-delay:alpha.delay": 0.02}, 9)]))
+    assert choice.best.names == (LATE.name,) and frozenset({guard.name}) in choice.totals
 
 
 def test_what_training_leaves_unexplained_is_not_put_to_others() -> None:

@@ -11,6 +11,7 @@ from ident.tracing.belief.standing import in_a_gap, too_fast, undetermined, why_
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Concern, Quantity
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -57,6 +58,16 @@ def test_a_number_beyond_belief_is_refused_without_slack(fitted: FittedModel) ->
     why = why_not(VaneOffset(), told(arm=(41.0, 30.0, "m")), fitted)
     assert why is not None and why.concern is Concern.BEYOND_BELIEF and "arm" in why.sentence
     assert why_not(SensorScale("q"), told(scale=(1.2, 0.01, "1")), fitted) is None
+
+
+@pytest.mark.parametrize(("moment", "believed"), [(0.05, True), (-0.05, True), (0.07, False), (-0.07, False)])
+def test_a_moment_of_the_engines_is_believed_to_three_times_what_is_known_of_it(fitted: FittedModel, moment: float, believed: bool) -> None:
+    """Also where the airspeed is recorded, and nothing else is left to find."""
+    prior = next(item.prior_std for item in Phugoid().parameters if item.name == "trim_moment")
+    assert (prior is not None and abs(moment) < 3.0 * prior) or not believed
+    for phugoid in (Phugoid(), Phugoid(speed_recorded=True)):
+        why = why_not(phugoid, told(trim_moment=(moment, 1e-3, "1")), fitted)
+        assert (why is None) is believed and (why is None or (why.concern is Concern.BEYOND_BELIEF and "trim_moment" in why.sentence))
 
 
 @pytest.mark.parametrize(("interval", "frequency", "resolved"), [(0.02, 120.0, True), (0.02, 125.6, False), (0.05, 45.0, True), (0.05, 60.0, False)])

@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.cross_validation import cross_validate
+from ident.tracing.replication.cross_validation import _promising, cross_validate
 from ident.tracing.replication.weighing import within_reach, without_record
 from ident.tracing.screening.context import search_context
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.proposal import fitted_to
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.bases import Flight as Flown
 from tests.bases import rigid_flight
@@ -74,3 +77,12 @@ def test_two_faults_that_hide_each_other_are_found_as_a_pair() -> None:
     flight = all_records([coloured(planted([scale, late], values, seed), seed) for seed in (1, 2, 3)])
     validated, _ = cross_validate(flight, (LATE, SCALED, scale, late, *GUARDS[:3]), root_of(flight))
     assert {item.best.effect.name for item in validated} == {"sensor-scale:nz", "sensor-delay:q"}
+
+
+def test_beside_a_phugoid_an_even_change_of_speed_is_not_tried() -> None:
+    """One law of what changes the airspeed; what drifts in one channel is another matter."""
+    even, drift = SpeedVariation(), SensorDrift("nz", "g", 5e-3)
+    values = {"speed-variation.rate": 2.0, "sensor-drift:nz.slope": 0.05}
+    problem = problem_of([planted([even, drift], values, seed) for seed in (1, 2)])
+    tried = [{finding.effect.name for finding in _promising(fit_of(problem, known), [even, drift])} for known in ([], [Phugoid()])]
+    assert even.name in tried[0] and tried[1] == {drift.name}

@@ -18,6 +18,7 @@ from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.weighed import Ground
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -54,6 +55,9 @@ def test_a_claim_tells_what_stands_and_what_would_do_as_well(found: tuple[Ledger
     assert evidence is not None and evidence.already_in_model == ()
     assert 0.0 < evidence.error_left < 1.0 - thresholds.WORTH / 2.0 and 0.0 < evidence.error_left_std < 0.2
     assert len(evidence.by_record) == 3 and all(set(own) == {"delay"} for own in evidence.by_record)
+    # Its probability rests on what was cross-validated beside it.
+    assert claim.weighed is not None and claim.weighed.ground is Ground.CROSS_VALIDATED
+    assert {LATE.name, *claim.alternatives} <= {name for item in claim.weighed.sets for name in item.names}
     # The derivatives under each name that would do, and nothing but those of the declared model.
     assert set(evidence.derivatives) == {LATE.name, *claim.alternatives}
     free = {item.name for item in declared().parameters if item.free and not item.name.startswith("bias_")}
@@ -144,7 +148,8 @@ def test_what_cannot_be_asked_is_not_said(late: Flight) -> None:
     moved = fit_of(ledger.problem, (GustTurbulence(),), root)
     assert cross_validated(ledger, moved, held) == (ledger, None)
     # One record and one that is held out from all but the verdict: nothing to leave out. Where that may choose, there is.
-    alone, lonely, other = begun(late.records[:1], validation)
+    quiet = [coloured(planted([LATE], DELAYED, seed), seed, 0.5) for seed in (1, 9)]  # two records have to lose half of what each leaves
+    alone, lonely, other = begun(quiet[:1], quiet[1:])
     assert other.choosing
     assert cross_validated(alone, lonely, replace(other, choosing=False)) == (alone, None)
     assert cross_validated(alone, lonely, other)[1] is not None

@@ -9,8 +9,10 @@ from ident.tracing import thresholds
 from ident.tracing.screening.pairs import joint_fall, likely_pairs
 from ident.tracing.screening.score_test import Finding
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 
 LATE = SensorDelay("alpha")
@@ -51,3 +53,14 @@ def test_signatures_that_are_nearly_one_make_no_pair() -> None:
         one, other = (finding(effect, each, residual) for effect, each in ((LATE, first), (SCALED, column)))
         assert joint_fall(one, other, 300.0) > max(one.gain, other.gain) / 300.0 + 0.3
         assert len(likely_pairs([one, other], [], 300.0)) == expected
+
+
+def test_two_forms_of_one_effect_make_no_pair() -> None:
+    """Nor do a lag and a delay of one channel; two effects of the same signatures do."""
+    rng = np.random.default_rng(2)
+    columns = rng.standard_normal((2, 300))
+    residual = rng.standard_normal(300) + columns[0] + columns[1]
+    forms = (SpeedVariation(), SpeedVariation(weight=False))
+    for first, second, pairs in ((*forms, 0), (SensorDelay("q"), SensorLag("q"), 0), (forms[0], SCALED, 1)):
+        one, other = finding(first, columns[0], residual), finding(second, columns[1], residual)
+        assert len(likely_pairs([one, other], [], 300.0)) == pairs

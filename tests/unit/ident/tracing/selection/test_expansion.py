@@ -7,8 +7,10 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.screening.score_test import Finding
-from ident.tracing.selection.expansion import _accepted, _from_child, best_fit, near_absence
+from ident.tracing.selection.expansion import _accepted, _excluded, _from_child, best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
@@ -76,3 +78,12 @@ def test_children_that_know_the_same_better_optimum_of_their_parent_lower_its_sc
     parent = after.known(astray)
     assert accepted and parent.fit.cost < astray.fit.cost - 5.0
     assert after.score(parent) == pytest.approx(1000.0 - 2.0 * (astray.fit.cost - parent.fit.cost))
+
+
+def test_a_phugoid_and_an_even_change_of_speed_are_never_put_side_by_side() -> None:
+    """Two laws of one thing; where the airspeed is recorded neither changes it."""
+    phugoid, even, scale = Phugoid(), SpeedVariation(), SensorScale("nz")
+    problem = problem_of([planted()], (phugoid, even, scale))
+    with_phugoid, with_even = fit_of(problem, [phugoid]), fit_of(problem, [even])
+    assert _excluded(with_phugoid, even) and _excluded(with_even, phugoid)
+    assert not _excluded(with_phugoid, scale) and not _excluded(with_even, scale) and not _excluded(with_even, Phugoid(speed_recorded=True))

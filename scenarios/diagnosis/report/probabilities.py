@@ -1,0 +1,36 @@
+"""How probable the name of a claimed effect is: the numbers for ``diagnosis.json`` and the line for readers."""
+
+from __future__ import annotations
+
+import math
+
+from ident.tracing.diagnosis import Claim
+from ident.tracing.name_probability import SOMETHING_ELSE
+
+LEAST = 0.005  # half a per cent rounds to nothing
+
+
+def shown_probability(claim: Claim) -> dict[str, float]:
+    """The claimed name first, then what could take its place, the likeliest first, and something else; three digits, without what is below ``LEAST``.
+
+    Empty where the claim was not weighed.
+    """
+    found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
+    places = {claim.name: 0, SOMETHING_ELSE: 2}
+    return {name: round(found[name], 3) for name in sorted(found, key=lambda name: (places.get(name, 1), -found[name], name))}
+
+
+def probability_sentence(claim: Claim) -> str:
+    """``"Probability that this is its name: 93 %; sensor-lag:q 5 %, something else 2 %"``; empty where the claim was not weighed."""
+    mine = claim.probability.get(claim.name, math.nan)
+    if not math.isfinite(mine):
+        return ""
+    rest = ", ".join(f"{name} {_percent(p)}" for name, p in shown_probability(claim).items() if name != claim.name)
+    return f"Probability that this is its name: {_percent(mine)}{f'; {rest}' if rest else ''}"
+
+
+def _percent(p: float) -> str:
+    """Whole per cents; neither none nor all of it, which is never known."""
+    if p < LEAST:
+        return "below 1 %"
+    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST else "above 99 %"

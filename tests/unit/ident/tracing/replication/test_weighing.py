@@ -1,0 +1,105 @@
+"""One candidate tried on records that were left out: what two records, and a witness, change in the bars that it has to pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import pytest
+
+from ident.tracing import thresholds
+from ident.tracing.diagnosis import Quantity, Silent
+from ident.tracing.replication.by_record import Flight
+from ident.tracing.replication.comparison import CrossValidation
+from ident.tracing.replication.weighing import left_out, weigh
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import screen
+from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_drift import SensorDrift
+from tests.tracing_problem import all_records, coloured, doublets, planted, root_of
+
+LATE, DRIFT = SensorDelay("alpha"), SensorDrift("nz", "g", 5e-3)
+DELAYED = {"sensor-delay:alpha.delay": 0.08}
+
+
+def flown(effect: Traceable, values: Sequence[Mapping[str, float]], colour: float = 1.0) -> Flight:
+    """Coloured records of 10 s, one for each of some values."""
+    return all_records([coloured(planted([effect], each, r, flight=doublets(10.0, 25.0)), r, colour) for r, each in enumerate(values, start=1)])
+
+
+def weighed(flight: Flight, effect: Traceable) -> CrossValidation:
+    """The candidate, tried beside nothing."""
+    root = root_of(flight)
+    (finding,), before = screen(root, [effect], search_context(root)), left_out(flight, root)
+    assert before is not None
+    found = weigh(flight, root, finding, before)
+    assert found is not None
+    return found
+
+
+class Witness(Silent):
+    """Speaks for any effect by so much log likelihood, and remembers what it was asked."""
+
+    def __init__(self, says: float) -> None:
+        self.says, self.asked = says, list[str]()
+
+    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
+        self.asked.append(effect)
+        assert all(quantity.std > 0.0 for quantity in parameters.values())
+        return self.says
+
+
+@pytest.fixture(scope="module")
+def late() -> Flight:
+    return flown(LATE, [DELAYED] * 3)
+
+
+def test_of_what_belongs_to_each_of_two_records_nothing_stands_and_with_three_it_does() -> None:
+    slopes = [{"sensor-drift:nz.slope": slope} for slope in (0.03, -0.03, 0.03)]
+    two, three = (weighed(flown(DRIFT, slopes[:count]), DRIFT) for count in (2, 3))
+    assert three.stands and three.gain > 100.0 and two.gain > 100.0
+    assert not two.stands and two.why == "of two records, each with its own value, nothing replicates"
+
+
+def test_what_any_record_may_have_needs_no_third_one() -> None:
+    """A phugoid in both: no aircraft is without."""
+    values = [{"phugoid.attitude": attitude, "phugoid.induced_drag": 4.0} for attitude in (0.09, -0.08)]
+    assert Phugoid().traits.background and weighed(flown(Phugoid(), values, 0.3), Phugoid()).stands
+
+
+def test_with_two_records_an_effect_has_to_explain_half_of_what_each_leaves(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    two = flown(LATE, [DELAYED] * 2, 0.5)
+    assert weighed(two, LATE).stands
+    for share, expected in ((0.51, True), (0.49, False)):
+        monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after, share=share: share)
+        found = weighed(two, LATE)
+        assert found.stands is expected and ("half of what each leaves" in found.why) is not expected
+    assert weighed(late, LATE).stands, "three records are asked for replication alone"
+
+
+def test_it_has_to_be_half_of_each_record_not_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = flown(LATE, [DELAYED] * 2, 0.5)
+    shares = iter((0.9, 0.3))
+    monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after: next(shares))
+    assert not weighed(two, LATE).stands
+
+
+def test_a_strong_witness_halves_what_the_error_has_to_fall_by(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fall that is there lies between the bar and half of it."""
+    monkeypatch.setattr(thresholds, "WORTH", -1.3 * weighed(late, LATE).reduction.total)
+    for says, stands in ((0.0, False), (0.9 * thresholds.STRONG_WITNESS, False), (1.1 * thresholds.STRONG_WITNESS, True)):
+        found = weighed(replace(late, witness=Witness(says)), LATE)
+        assert found.stands is stands and ("does not lower the error" in found.why) is not stands
+
+
+def test_a_strong_witness_forbids_what_passes_all_else_and_is_asked_only_then(late: Flight) -> None:
+    for says, stands in ((-0.9 * thresholds.STRONG_WITNESS, True), (-1.1 * thresholds.STRONG_WITNESS, False)):
+        witness = Witness(says)
+        found = weighed(replace(late, witness=witness), LATE)
+        assert found.stands is stands and (found.why == "the kinematics speak against it") is not stands
+        assert witness.asked == [LATE.name]
+    unasked = Witness(-1e9)
+    two = flown(DRIFT, [{"sensor-drift:nz.slope": slope} for slope in (0.03, -0.03)])
+    assert not weighed(replace(two, witness=unasked), DRIFT).stands and unasked.asked == []

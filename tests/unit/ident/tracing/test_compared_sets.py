@@ -1,0 +1,140 @@
+"""What a judged set was weighed against: each difference of the criterion in its parts, sets of other size, guards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.compared_sets import sets_compared, weighed
+from ident.tracing.diagnosis import Concern, Verdict
+from ident.tracing.loop import diagnose
+from ident.tracing.name_probability import SOMETHING_ELSE
+from ident.tracing.ranking import Choice
+from ident.tracing.selection.ledger import Ledger
+from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
+from ident.tracing.verdict import ResidualTests, verdict_on
+from ident.tracing.weighed import ComparedSet, Ground
+from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.record import Record
+from tests.rate_in_alpha import RateInAlpha
+from tests.tracing_problem import OUTPUTS, SETTINGS, declared, doublets, fit_of, planted, problem_of
+
+LATE, LAG, SCALE, GUARD = SensorDelay("alpha"), SensorLag("q"), SensorScale("q"), RateInAlpha(guard=True)
+DELAYED = {"sensor-delay:alpha.delay": 0.05}
+SETS: tuple[tuple[Traceable, ...], ...] = ((), (LATE,), (SCALE,), (LATE, SCALE), (LATE, LAG), (GUARD, SCALE), (LAG, GUARD), (LATE, LAG, SCALE))
+
+
+@pytest.fixture(scope="module")
+def passed() -> Ledger:
+    """What a search over a late angle of attack may have passed."""
+    problem = problem_of([planted([LATE], DELAYED, flight=doublets(8.0, 25.0))], (LATE, LAG, SCALE, GUARD))
+    ledger, root = Ledger(problem), fit_of(problem)
+    for effects in SETS:
+        fitted = fit_of(problem, effects, root) if effects else root
+        ledger = ledger.kept(fitted, fitted.criterion)
+    return ledger
+
+
+def model(ledger: Ledger, effects: Sequence[Traceable]) -> FittedModel:
+    return ledger.models[frozenset(effect.name for effect in effects)]
+
+
+def named(sets: Sequence[ComparedSet]) -> dict[frozenset[str], ComparedSet]:
+    found = {frozenset(item.names): item for item in sets}
+    assert len(found) == len(sets), "none twice"
+    return found
+
+
+def test_sets_that_differ_in_one_effect_are_weighed_whatever_their_size_and_guards_are_marked(passed: Ledger) -> None:
+    best = model(passed, (LATE, SCALE))
+    found = named(sets_compared(passed, Choice(best, HeldOut(None, None))))
+    mine = found[frozenset(best.names)]
+    assert (mine.misfit, mine.price, mine.declared, mine.guard) == (0.0, 0.0, 0.0, False)
+    # One effect fewer, one other in its place; not: two fewer, both others, one more beside.
+    expected = [(LATE, SCALE), (LATE,), (SCALE,), (LATE, LAG), (GUARD, SCALE)]
+    assert set(found) == {frozenset(effect.name for effect in effects) for effects in expected}
+    for key, item in found.items():
+        other = passed.models[key]
+        assert item.misfit == pytest.approx(2.0 * (other.fit.cost - best.fit.cost)) and item.declared == 0.0
+        assert item.misfit + item.price == pytest.approx(other.criterion - best.criterion)
+        assert item.guard is (GUARD.name in key)
+    assert found[frozenset({LATE.name})].price < 0.0 < found[frozenset({LATE.name})].misfit + 1e-6
+
+
+def test_of_a_single_effect_the_declared_model_is_one_that_could_stand_in_its_place(passed: Ledger) -> None:
+    found = named(sets_compared(passed, Choice(model(passed, (LATE,)), HeldOut(None, None))))
+    assert set(found) == {frozenset({LATE.name}), frozenset({SCALE.name}), frozenset()}
+    assert found[frozenset()].misfit > 100.0
+
+
+def test_what_was_compared_counts_with_all_data_that_took_part_and_with_what_the_declared_derivatives_say(passed: Ledger) -> None:
+    """Figures by hand: the misfit of the fitted and the other data, its price, and 3.5 that derivatives say against it."""
+    best, other, guard = model(passed, (LATE, SCALE)), model(passed, (LATE, LAG)), model(passed, (GUARD, SCALE))
+    keys = [frozenset(fitted.names) for fitted in (best, other, guard)]
+    misfits = dict(zip(keys, (100.0, 112.0, 101.0), strict=True))
+    price = [fitted.criterion - 2.0 * fitted.fit.cost for fitted in (best, other, guard)]
+    totals = dict(zip(keys, (100.0 + price[0], 112.0 + price[1] + 3.5, 101.0 + price[2]), strict=True))
+    totals |= {frozenset({"unknown to the ledger"}): 1.0}
+    found = named(sets_compared(passed, Choice(best, HeldOut(None, None), totals, {**misfits, frozenset({"unknown to the ledger"}): 1.0})))
+    assert (found[keys[1]].misfit, found[keys[1]].declared) == pytest.approx((12.0, 3.5))
+    assert found[keys[1]].price == pytest.approx(price[1] - price[0])
+    assert found[keys[2]].misfit == pytest.approx(1.0) and found[keys[2]].guard and not found[keys[1]].guard
+    # What the search alone has passed stays by the fitted records, and nothing that the ledger does not have gets in.
+    assert frozenset({LATE.name}) in found and not any("unknown to the ledger" in key for key in found)
+
+
+def test_a_traced_claim_has_the_probability_of_what_it_was_weighed_against() -> None:
+    lag = {"sensor-lag:q.time_constant": 0.06}
+    d = diagnose([planted([LAG], lag)], declared(), (LAG, SCALE, SensorDelay("q")), (GUARD,), (), SETTINGS)
+    (claim,) = d.effects
+    assert claim.name == LAG.name and claim.weighed is not None and claim.weighed.ground is Ground.NOISE_LEFT
+    assert frozenset() in named(claim.weighed.sets)
+    assert sum(claim.probability.values()) == pytest.approx(1.0) and claim.probability[LAG.name] > 0.9
+    # The delay of the same sensor is the same fault described twice.
+    assert SensorDelay("q").name not in claim.probability and SOMETHING_ELSE in claim.probability
+
+
+# Turbulence that comes and goes with the motion.
+
+ROUGH = GustTurbulence()
+CURVED = {f"moment-nonlinearity.{item.name}": 0.4 * (-1.0) ** i for i, item in enumerate(MOMENT_NONLINEARITY.parameters)}
+
+
+def turbulent(record: Record, other: Record) -> tuple[Ledger, FittedModel, HeldOutData]:
+    """The declared model and one with turbulence, both known to a ledger, and a record that was not fitted."""
+    problem = problem_of([record], (ROUGH,))
+    root = fit_of(problem)
+    best = problem.fit((ROUGH,), root, None, rough=True)
+    assert best is not None
+    held = HeldOutData([other], measured_masks([other], OUTPUTS), held_out(root, [other], None, informed=False))
+    return Ledger(problem).kept(root, root.criterion).kept(best, best.criterion), best, held
+
+
+def flown(effect: Traceable, values: dict[str, float], seed: int) -> Record:
+    return planted([effect], values, seed, flight=doublets(14.0, 20.0))
+
+
+def test_process_noise_that_stands_for_what_goes_with_the_motion_is_no_turbulence() -> None:
+    ledger, best, held = turbulent(*(flown(MOMENT_NONLINEARITY, CURVED, seed) for seed in (1, 2)))
+    choice = weighed(ledger, Choice(best, HeldOut(None, None)), held)
+    assert choice.uneven and choice.sets == sets_compared(ledger, choice)
+    root = ledger.models[frozenset()]
+    verdict, cautions = verdict_on(ledger.problem, root, choice, [], ResidualTests(()), HeldOutData())
+    assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.GOES_WITH_MOTION]
+    # A set without process noise is not asked, nor one whose plain form nobody fitted.
+    assert not weighed(ledger, Choice(root, HeldOut(None, None)), held).uneven
+    alone = Ledger(ledger.problem).kept(best, best.criterion)
+    assert not weighed(alone, Choice(best, HeldOut(None, None)), held).uneven
+
+
+def test_what_is_left_as_evenly_is_not_said_to_go_with_the_motion() -> None:
+    ledger, best, held = turbulent(*(flown(SCALE, {"sensor-scale:q.scale": 1.0}, seed) for seed in (3, 4)))
+    assert not weighed(ledger, Choice(best, HeldOut(None, None)), held).uneven
