@@ -52,6 +52,7 @@ ALTERNATIVE = 10.0  # chosen: odds of 150 to one; below it the other is named as
 DECLARED_DERIVATIVES = 0.3  # of each value, one sigma. fixed by the vehicle file, whose derivatives are possibly 30 % wrong
 FEWEST_DECLARED = 3  # derivatives. chosen: a file that declares fewer knows no aircraft
 BLURRED = 10.0  # chosen: a sigma that an addition makes ten times larger has lost what the record told
+SHORTEST_EVENT = 2.0  # sampling intervals. chosen: no load or gust on an aircraft comes and goes within
 GAP, EDGE_OF_A_GAP = 5.0, 3.0  # samples. chosen: shorter than any maneuver's pulse; an onset is known to a sample or two
 AT_A_BOUND = 0.99  # chosen: a frequency this near to what the records resolve was held there
 ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis

@@ -42,6 +42,7 @@ class Traits:
     tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
+    lasts : local name of the time that an event lasts: where it is no longer than two samples, the recorder did it, and no force.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
         needs not act on all of them. Those in ``of_aircraft`` are excepted.
     of_aircraft : local names of parameters that any aircraft has and that are known beforehand to their prior: all records share them, and
@@ -71,6 +72,7 @@ class Traits:
     tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
+    lasts: str = ""
     per_record: bool = False
     of_aircraft: tuple[str, ...] = ()
     guard: bool = False

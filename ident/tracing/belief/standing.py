@@ -55,6 +55,10 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
     if gap is not None:
         told = f"what fits best is {effect.name} where rows are missing ({gap[0]:g} to {gap[1]:g} s): an input that was not recorded does as much"
         return Caution(Concern.ROWS_MISSING, told)
+    lasts = found.get(effect.traits.lasts)
+    if lasts is not None and lasts.value < thresholds.SHORTEST_EVENT * interval:
+        told = f"what fits best is {effect.name} of {lasts.value:.2g} s, no longer than two samples: the recorder did that, and no force"
+        return Caution(Concern.BEYOND_BELIEF, told)
     beyond, open_, fast = implausible(effect, found, slack=0.0), undetermined(effect, found), too_fast(effect, found, interval)
     if beyond or fast:
         words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
@@ -74,6 +74,9 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
     names = {*effect.aliases, *effect.traits.equivalents}
+    if is_event(effect):
+        # The place of an event was searched for: whatever acts all along and does as well is likelier.
+        names |= {c.name for c in ledger.problem.candidates if not (is_event(c) or belongs_to_record(c))}
     for seen in ledger.evidence:
         if seen.name == effect.name and set(seen.within) <= rest:
             names |= set(seen.collinear_with)

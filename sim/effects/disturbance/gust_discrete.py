@@ -43,6 +43,7 @@ class GustDiscrete:
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} comes at {start} and lasts {duration}",),
         plausible={"peak": (-20.0, 20.0), "duration": (0.1, 20.0)},
+        lasts="duration",
         onset="start",
         per_record=True,
     )

@@ -68,6 +68,7 @@ class UnmeasuredInput:
                 "something that is not recorded acts from {start} on: {rest}",
             ),
             plausible={"lift": (-lift, lift), "moment": (-moment, moment)},
+            lasts="duration",
             onset="start",
             per_record=True,
         )

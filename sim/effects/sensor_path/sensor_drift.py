@@ -53,12 +53,17 @@ class SensorDrift:
         return (Parameter("slope", self.typical, f"{self.unit}/s"),)
 
     @property
+    def most(self) -> float:
+        """The largest slope that is believed: of an altitude less, since a fall that is modelled wrong asks for any."""
+        return (8.0 if self.channel == "altitude" else 20.0) * self.typical
+
+    @property
     def traits(self) -> Traits:
         return Traits(
             sentences=("the reading of the {channel} drifts by {slope}",),
             separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
             never_beside=(f"sensor-step:{self.channel}",),
-            plausible={"slope": (-20.0 * self.typical, 20.0 * self.typical)},
+            plausible={"slope": (-self.most, self.most)},
             per_record=True,
         )
 
