@@ -22,8 +22,8 @@ SLOPE = 1e-3  # of a parameter's value
 
 
 def all_visible(paper: Paper, values: Values, flight: Flight) -> bool:
-    """Whether each effect of the library that is hidden in a record can be seen there; what is random, foreign or the recorder's is not asked."""
-    asked = [name for name in values if KINDS[name].answer and _is_smooth(name, flight)]
+    """Whether each effect that is hidden in a record can be seen there; what is random or the recorder's is not asked."""
+    asked = [name for name in values if _is_smooth(name, flight)]
     if not asked:
         return True
     true = _whitened(paper, values, flight, {})
