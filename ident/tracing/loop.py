@@ -12,7 +12,8 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.compared_sets import weighed
-from ident.tracing.diagnosis import Claim, Concern, Diagnosis, Verdict, Witness, silent
+from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Verdict, Witness, silent
+from ident.tracing.name_probability import unlikely
 from ident.tracing.ranking import Choice, believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import Partial, cross_validated
@@ -79,6 +80,7 @@ def diagnose(
     judgement = judge(ledger.problem, found.root, choice, found.spikes, found.held)
     if judgement.verdict is Verdict.UNEXPLAINED:
         ledger, judgement = what_replicates(replace(found, ledger=ledger), judgement)
+    judgement = without_unlikely(ledger.problem, judgement)
     scatter = record_scatter(ledger.problem, found, judgement)
     watch.stage("held out")
     before = Before(found.root, residual_tests(found.root, HeldOut(None, None), found.held).all, scatter[0])
@@ -218,6 +220,16 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         return judged_again(ledger, found, partial)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.
     return in_rough_air(ledger, found, judgement)
+
+
+def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
+    """Unexplained where something that is not named is likelier than a claim with its alternatives; the claims are hints then."""
+    names = unlikely(judgement.claims, {item.name: item.traits.twins for item in problem.candidates})
+    if not names:
+        return judgement
+    told = f"what fits best is {' and '.join(names)}, but something that is not named is likelier"
+    hints = tuple(replace(claim, claimed=False) for claim in judgement.claims)
+    return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=(Caution(Concern.UNLIKELY, told), *judgement.cautions))
 
 
 def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:

@@ -8,7 +8,7 @@ calibrated there (``thresholds``), and ``docs/tracing-performance.md`` shows how
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,15 +19,34 @@ from ident.tracing.weighed import ComparedSet, Weighed
 SOMETHING_ELSE = "something else"
 
 
-def weights_of(sets: Sequence[ComparedSet]) -> np.ndarray:
+@dataclass(frozen=True)
+class Calibration:
+    """What simulated papers and stand-ins teach.
+
+    ``temperature`` : of the log likelihood, one where its model of the noise is right. ``share_of_price`` : of what the criterion charges.
+    ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.
+    """
+
+    temperature: float = thresholds.TEMPERATURE
+    share_of_price: float = thresholds.SHARE_OF_PRICE
+    against_guards: float = thresholds.AGAINST_GUARDS
+    wrong: Mapping[str, float] = field(default_factory=lambda: thresholds.WRONG_WHATEVER)
+
+
+PRESENT = Calibration()
+
+
+def weights_of(sets: Sequence[ComparedSet], calibration: Calibration = PRESENT) -> np.ndarray:
     """Relative weights ``(len(sets),)`` of sets, the largest one."""
-    behind = np.array([item.misfit + thresholds.SHARE_OF_PRICE * item.price + item.declared for item in sets])
-    behind += np.array([thresholds.AGAINST_GUARDS if item.guard else 0.0 for item in sets])
-    exponent = -0.5 * behind / thresholds.TEMPERATURE
+    behind = np.array([item.misfit + calibration.share_of_price * item.price + item.declared for item in sets])
+    behind += np.array([calibration.against_guards if item.guard else 0.0 for item in sets])
+    exponent = -0.5 * behind / calibration.temperature
     return np.asarray(np.exp(exponent - exponent.max()))
 
 
-def name_probabilities(name: str, others: Collection[str], weighed: Weighed, twins: Collection[str]) -> Mapping[str, float]:
+def name_probabilities(
+    name: str, others: Collection[str], weighed: Weighed, twins: Collection[str], calibration: Calibration = PRESENT
+) -> Mapping[str, float]:
     """Probability that a claimed effect, each name that could take its place, or something else is what acts; together one.
 
     Parameters
@@ -39,7 +58,7 @@ def name_probabilities(name: str, others: Collection[str], weighed: Weighed, twi
     """
     mine, beside = {name, *twins}, set(others)
     found: dict[str, float] = {name: 0.0, SOMETHING_ELSE: 0.0}
-    for item, weight in zip(weighed.sets, weights_of(weighed.sets) if weighed.sets else (), strict=True):
+    for item, weight in zip(weighed.sets, weights_of(weighed.sets, calibration) if weighed.sets else (), strict=True):
         new = [other for other in item.names if other not in beside and other not in mine]
         if mine & set(item.names):
             at = name
@@ -48,10 +67,12 @@ def name_probabilities(name: str, others: Collection[str], weighed: Weighed, twi
         else:
             at = new[0]
         found[at] = found.get(at, 0.0) + float(weight)
-    wrong, total = thresholds.WRONG_WHATEVER[weighed.ground.value], sum(found.values())
+    wrong, total = calibration.wrong[weighed.ground.value], sum(found.values())
     told = {key: (1.0 - wrong) * value / total for key, value in found.items()} if total > 0.0 else {name: 1.0 - wrong}
     told[SOMETHING_ELSE] = told.get(SOMETHING_ELSE, 0.0) + wrong
-    return told
+    # Under either name the equations are the same: nothing says which of them is likelier.
+    alike = dict.fromkeys((name, *weighed.same), told[name] / (1 + len(weighed.same)))
+    return {**told, **alike}
 
 
 def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> tuple[Claim, ...]:
@@ -61,6 +82,16 @@ def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[s
     """
     names = [claim.name for claim in claims]
     return tuple(_with_probability(claim, [name for name in names if name != claim.name], twins.get(claim.name, ())) for claim in claims)
+
+
+def unlikely(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> list[str]:
+    """Names of claims that, with their alternatives, are less likely than something that is not named."""
+    told = with_probabilities(claims, twins)
+    return [claim.name for claim in told if claim.probability and _named(claim) < thresholds.LIKELIER_THAN_NOT]
+
+
+def _named(claim: Claim) -> float:
+    return sum(claim.probability.get(name, 0.0) for name in {claim.name, *claim.alternatives})
 
 
 def _with_probability(claim: Claim, others: Sequence[str], twins: Collection[str]) -> Claim:

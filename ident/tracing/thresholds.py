@@ -109,4 +109,5 @@ TEMPERATURE = 1.0  # of the log likelihood: one where its model of the noise is 
 SHARE_OF_PRICE = 1.0  # of what the criterion charges
 AGAINST_GUARDS = 0.0  # in twice the log likelihood
 WRONG_WHATEVER = {"noise left": 0.02, "cross-validated": 0.1, "one-step": 0.05, "samples": 0.01}
+LIKELIER_THAN_NOT = 0.5  # theorem: what is claimed is likelier than all that is not named
 LIKELY_ENOUGH = 0.05  # fixed by the format of a diagnosis: what is likelier is named beside a claim

@@ -72,10 +72,11 @@ def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
     guarded, out = bool(best.guards), []
     for effect in (each for each in best.effects if not each.traits.guard):
         found = quantities(best, effect)
-        alternatives = tuple(dict.fromkeys([*same_by_value(effect, found), *others.get(effect.name, ())]))[: thresholds.ALTERNATIVES_NAMED]
+        same = same_by_value(effect, found)
+        alternatives = tuple(dict.fromkeys([*same, *others.get(effect.name, ())]))[: thresholds.ALTERNATIVES_NAMED]
         ground = Ground.ONE_STEP if has_process_noise(best.system) else Ground.NOISE_LEFT
         acts_on = records_of(best, effect)
-        out.append(Claim(effect.name, found, alternatives, not guarded, acts_on, effect.explanation, weighed=Weighed(ground, choice.sets)))
+        out.append(Claim(effect.name, found, alternatives, not guarded, acts_on, effect.explanation, weighed=Weighed(ground, choice.sets, same)))
     return out
 
 

@@ -33,7 +33,11 @@ class ComparedSet:
 
 @dataclass(frozen=True)
 class Weighed:
-    """What the probability of a claimed name rests on: the sets compared, the judged one among them, and the ground of the claim."""
+    """What the probability of a claimed name rests on: the sets compared, the judged one among them, and the ground of the claim.
+
+    ``same`` : names under which the equations are the same (``Traits.same_as``).
+    """
 
     ground: Ground
     sets: tuple[ComparedSet, ...] = ()
+    same: tuple[str, ...] = ()

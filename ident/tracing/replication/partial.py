@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,7 +99,8 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
     if belongs_to_record(best.effect):
         # Each record has its own value: there is no mean of them to be known.
         own = most_telling(fitted, best.effect)
-        alternatives = tuple(dict.fromkeys([*same_by_value(best.effect, own), *alternatives]))[: thresholds.ALTERNATIVES_NAMED]
+        weighed = replace(weighed, same=same_by_value(best.effect, own))
+        alternatives = tuple(dict.fromkeys([*weighed.same, *alternatives]))[: thresholds.ALTERNATIVES_NAMED]
         acts_on = tuple(best.predictions) if is_event(best.effect) else records_of(fitted, best.effect)
         return Claim(best.effect.name, own, alternatives, True, acts_on, best.effect.explanation, evidence, weighed=weighed)
     found = {
@@ -112,15 +113,8 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
 def _of_background(fitted: FittedModel, effect: Traceable) -> Claim:
     """What any record may have: it belongs to each record by itself, so that there is nothing to replicate."""
     found = quantities(fitted, effect)
-    return Claim(
-        effect.name,
-        found,
-        same_by_value(effect, found),
-        True,
-        records_of(fitted, effect),
-        effect.explanation,
-        weighed=Weighed(Ground.CROSS_VALIDATED),
-    )
+    same, acts_on = same_by_value(effect, found), records_of(fitted, effect)
+    return Claim(effect.name, found, same, True, acts_on, effect.explanation, weighed=Weighed(Ground.CROSS_VALIDATED, same=same))
 
 
 def _scattered(quantity: Quantity, values: Sequence[float]) -> Quantity:

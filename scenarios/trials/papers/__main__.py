@@ -11,9 +11,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from scenarios.trials.calibration import as_line
 from scenarios.trials.papers.examination import examine
 from scenarios.trials.papers.paper import Mark
-from scenarios.trials.papers.summary import summary_table
+from scenarios.trials.papers.summary import reliability_table, summary_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\r{len(marks)} of {asked.count} papers", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     print("\n".join(summary_table(marks)))
+    print("\n".join(reliability_table([statement for mark in marks for statement in mark.statements])))
     return 0
 
 
@@ -54,6 +56,7 @@ def line_of(mark: Mark) -> Mapping[str, Any]:
         **{"seed": paper.seed, "model": paper.model, "aircraft": paper.aircraft, "rate": paper.rate, "channels": paper.channels},
         **{"group": paper.group, "hidden": paper.hidden, "values": mark.values, "verdict": mark.verdict},
         "claims": [[{"name": named.name, "hidden": named.hidden} for named in claim] for claim in mark.claims],
+        "statements": [as_line(statement) for statement in mark.statements],
         **{"right": mark.right, "wrong": mark.wrong, "said": mark.said},
         "held_out_error": mark.held_out if math.isfinite(mark.held_out) else -1.0,
         "errors_in_sigmas": {name: error for name, error in mark.errors.items() if math.isfinite(error)},

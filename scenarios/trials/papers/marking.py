@@ -7,13 +7,16 @@ from collections.abc import Mapping, Sequence, Set
 from itertools import permutations
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
+from ident.tracing.weighed import Ground, Weighed
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import warnings_of
+from scenarios.trials.calibration import Statement
 from scenarios.trials.papers.kinds import KINDS
 from scenarios.trials.papers.paper import Mark, Named, Paper
 from scenarios.trials.papers.vehicles import NOISE, estimated
 from scenarios.trials.scoring import same_fault
 from sim.declaration.model import Model
+from sim.effects.library import traits_of
 from sim.errors import DeclarationError, FlightidError, RecordError
 
 REFUSED, FAILED = "refused", "failed"
@@ -34,7 +37,17 @@ def mark_of(paper: Paper, model: Model, tracing: Tracing, seconds: float) -> Mar
         max(rmse / NOISE[name] for name, rmse in diagnosis.error_after.rmse.items()),
         seconds,
         tuple(tuple(Named(name, _is_hidden(paper, name)) for name in (claim.name, *claim.alternatives)) for claim in claims),
+        tuple(_statement(paper, claim, claims) for claim in claims if claim.weighed is not None),
     )
+
+
+def _statement(paper: Paper, claim: Claim, claims: Sequence[Claim]) -> Statement:
+    """A claim with the names that are right of all that it was weighed against."""
+    weighed = claim.weighed or Weighed(Ground.NOISE_LEFT)
+    names = {claim.name, *weighed.same, *(name for item in weighed.sets for name in item.names)}
+    others = tuple(other.name for other in claims if other is not claim)
+    right = frozenset(name for name in names if _is_hidden(paper, name))
+    return Statement(claim.name, others, traits_of(claim.name).twins, weighed, right)
 
 
 def mark_of_refusal(paper: Paper, fault: FlightidError, seconds: float) -> Mark:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scenarios.trials.calibration import Statement
 from sim.declaration.model import Model
 from sim.record import Record
 
@@ -105,6 +106,7 @@ class Mark:
     right : the names are those hidden, or none where nothing is; of what no effect names, ``unexplained``; of a recorder's fault also a word on it.
     wrong : a claim names what is not there.
     errors : of derivatives, in reported standard deviations. held_out : the worst channel's error over the noise, zero without a diagnosis.
+    statements : the claims with what they were weighed against, for the reliability of their probabilities.
     values : of what is hidden, in the fitted record. seconds : of the processor, for the diagnosis. said : why there is no diagnosis.
     """
 
@@ -117,5 +119,6 @@ class Mark:
     held_out: float
     seconds: float
     claims: tuple[tuple[Named, ...], ...] = ()
+    statements: tuple[Statement, ...] = ()
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     said: str = ""

@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.terminal.plain_tables import table
+from scenarios.trials.calibration import Statement, reliability
 from scenarios.trials.papers.kinds import KINDS
 from scenarios.trials.papers.paper import Mark
 from scenarios.trials.planted.hiding import OWN
@@ -57,6 +58,15 @@ def summary_table(marks: Sequence[Mark]) -> list[str]:
     rows += _by(marks, lambda mark: (mark.paper.group,))
     rows += _by(marks, lambda mark: mark.paper.hidden)
     return table(HEADINGS, rows)
+
+
+def reliability_table(statements: Sequence[Statement]) -> list[str]:
+    """Lines of a table: of the names said to be so likely, how many are right."""
+    rows = []
+    for item in reliability(statements):
+        right = f"{100.0 * item.right / item.count:.0f}" if item.count else ""
+        rows.append((f"{100 * item.low:.0f} to {100 * item.high:.0f}", str(item.count), f"{100.0 * item.said:.1f}", right, _span(item.interval)))
+    return table(("probability said, %", "names", "mean said, %", "right, %", "95 % interval"), rows)
 
 
 def _by(marks: Sequence[Mark], names: Callable[[Mark], tuple[str, ...]]) -> list[tuple[str, ...]]:
