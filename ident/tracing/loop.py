@@ -9,31 +9,28 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.candidate_model.fitted_model import belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
+from ident.tracing.claims_beside_noise import replicating, what_replicates, without_unlikely
 from ident.tracing.compared_sets import weighed
-from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Verdict, Witness, silent
-from ident.tracing.name_probability import unlikely
-from ident.tracing.ranking import Choice, believable_choice
+from ident.tracing.diagnosis import Diagnosis, Verdict, Witness, silent
+from ident.tracing.found import Declared, Found
+from ident.tracing.ranking import believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
-from ident.tracing.replication.partial import Partial, cross_validated
-from ident.tracing.replication.rough_air import process_noise_that_stands
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.background import with_known_background
-from ident.tracing.selection.backward import backward_elimination, refined, without_needless_background
-from ident.tracing.selection.forward import defies, extended, first_round, forward_selection, hopeless
+from ident.tracing.selection.backward import backward_elimination, refined
+from ident.tracing.selection.forward import defies, first_round, forward_selection
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, predicted_by, with_held_out_change
-from ident.tracing.verdict import Judgement, claims_of, hardly_better, judge, no_better, not_noise, residual_tests
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
+from ident.tracing.verdict import Judgement, judge, residual_tests
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError
 from sim.record import Record
-
-WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES)  # of a set that leaves noise and may not be claimed
 
 
 def diagnose(
@@ -99,33 +96,6 @@ class Stopwatch:
         self.seconds[name] = clock.perf_counter() - self.started - sum(self.seconds.values())
 
 
-@dataclass(frozen=True, eq=False)
-class Declared:
-    """The declared model fitted, provisional spikes set aside; ``spikes`` those of recorded inputs, which were mended."""
-
-    ledger: Ledger
-    root: FittedModel
-    spikes: tuple[Claim, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a search ends with.
-
-    ``base`` : the declared model with what any record may have, where the best set has it. ``partial`` : effects that replicate, None where
-    none does; ``asked`` whether that was asked.
-    """
-
-    ledger: Ledger
-    root: FittedModel
-    base: FittedModel
-    best: FittedModel
-    held: HeldOutData
-    partial: Partial | None
-    asked: bool
-    spikes: tuple[Claim, ...]
-
-
 def fit_declared(problem: TraceProblem) -> Declared:
     """Fit the declared model, mend recorded inputs, set provisional spikes aside."""
     problem.progress("fitting the declared model", 0.0)
@@ -189,78 +159,6 @@ def with_final_masks(found: Found) -> Found:
     if found.partial is not None:
         fresh, partial = replicating(fresh, base, held)
     return replace(told, ledger=fresh, root=root, base=base, best=best if partial is None else partial.fitted, held=held, partial=partial)
-
-
-def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
-    """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
-    ledger, partial = cross_validated(ledger, base, held)
-    return ledger, None if partial is None or (held.choosing and predicts_no_better(held, partial)) else partial
-
-
-def predicts_no_better(held: HeldOutData, partial: Partial) -> bool:
-    """Whether data that were not fitted are predicted no better with what replicates; of events alone, which need not be there, worse."""
-    return no_better(held.declared, partial.out) if partial.events_alone else hardly_better(held.declared, partial.out)
-
-
-def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
-    """Where the search explains nothing: hints at most, unless effects are cross-validated."""
-    ledger, partial = found.ledger, found.partial
-    hints = [replace(claim, claimed=False) for claim in judgement.claims]
-    if no_better(found.held.declared, judgement.out):
-        # What does not help on data that were not fitted is not even a hint.
-        hints = [replace(spike, claimed=False) for spike in found.spikes]
-        judgement = replace(judgement, best=found.root, out=found.held.declared)
-    judgement = replace(judgement, claims=tuple(hints))
-    if any(caution.concern in WITHDRAWN for caution in judgement.cautions):
-        # What is left is noise: there is nothing more to find, only nothing that may be claimed.
-        return ledger, judgement
-    if not found.asked:
-        ledger, partial = replicating(ledger, found.base, found.held)
-    if partial is not None and not predicts_no_better(found.held, partial):
-        return judged_again(ledger, found, partial)
-    # What replicates on the whole and yet predicts the data held out no better is left unsaid.
-    return in_rough_air(ledger, found, judgement)
-
-
-def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
-    """Unexplained where something that is not named is likelier than a claim with its alternatives; the claims are hints then."""
-    names = unlikely(judgement.claims, {item.name: item.traits.twins for item in problem.candidates})
-    if not names:
-        return judgement
-    told = f"what fits best is {' and '.join(names)}, but something that is not named is likelier"
-    hints = tuple(replace(claim, claimed=False) for claim in judgement.claims)
-    return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=(Caution(Concern.UNLIKELY, told), *judgement.cautions))
-
-
-def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
-    """Process noise claimed where it stands by one-step predictions; else the judgement as it is."""
-    ledger, fitted = process_noise_that_stands(ledger, found.base, found.held)
-    if fitted is None and found.base is not found.root:
-        # A slow gust looks like a phugoid to a search that knows no gusts.
-        ledger, fitted = process_noise_that_stands(ledger, found.root, found.held)
-    if fitted is None:
-        return ledger, judgement
-    spikes = tuple(replace(spike, claimed=False) for spike in found.spikes)
-    claims = (*claims_of(ledger.problem, Choice(fitted, HeldOut(None, None))), *spikes)
-    tests = residual_tests(fitted, HeldOut(None, None), found.held)
-    left = tuple(not_noise(tests.all, ledger.problem.settings.white))
-    return ledger, Judgement(Verdict.PARTIAL, fitted, predicted_by(fitted, found.held, informed=False), claims, tests, left)
-
-
-def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:
-    """The verdict on effects that replicate: with a further one, they may leave noise after all."""
-    problem, held = ledger.problem, found.held
-    if not hopeless(ledger, partial.fitted):
-        ledger, further = extended(ledger, found.root, partial.fitted)
-        ledger, further = without_needless_background(ledger, further)
-        ledger, choice = believable_choice(ledger, further, held)
-        choice = weighed(ledger, choice, held)
-        again = judge(problem, found.root, choice, found.spikes, held)
-        if again.verdict in (Verdict.TRACED, Verdict.AMBIGUOUS):
-            return ledger, again
-    tests = residual_tests(partial.fitted, HeldOut(None, None), held)
-    claims, cautions = (*partial.claims, *(replace(spike, claimed=False) for spike in found.spikes)), not_noise(tests.all, problem.settings.white)
-    return ledger, Judgement(Verdict.PARTIAL, partial.fitted, partial.out, claims, tests, tuple(cautions))
 
 
 def record_scatter(problem: TraceProblem, found: Found, judgement: Judgement) -> tuple[RecordScatter, RecordScatter]:

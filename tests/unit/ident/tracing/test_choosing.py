@@ -10,7 +10,8 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate, Diagnosis, Verdict
-from ident.tracing.loop import Declared, Found, diagnose, fit_declared, held_out_data, search, with_final_masks
+from ident.tracing.found import Declared, Found
+from ident.tracing.loop import diagnose, fit_declared, held_out_data, search, with_final_masks
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.ledger import Ledger
@@ -166,7 +167,7 @@ def test_after_late_spikes_what_replicates_is_asked_anew(monkeypatch: pytest.Mon
         asked.append((ledger, partial))
         return after, partial
 
-    monkeypatch.setattr("ident.tracing.loop.cross_validated", spy)
+    monkeypatch.setattr("ident.tracing.claims_beside_noise.cross_validated", spy)
     _, found = searched(records, (LATE, SCALE), validation)
     assert found.partial is not None and found.asked and len(asked) == 1
     final = with_final_masks(found)
