@@ -17,7 +17,7 @@ from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.weighed import Ground
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
@@ -145,15 +145,24 @@ def test_an_event_is_claimed_of_its_record_and_needs_no_other() -> None:
     ]
     validation = [coloured(planted(seed=9, flight=flight), 9)]
     start = fit_declared(replace(problem_of(records, (GUST,)), predicted=validation))
-    ledger, partial = cross_validated(start.ledger, start.root, held_out_data(start, validation))
+    _, partial = cross_validated(start.ledger, start.root, held_out_data(start, validation))
     assert partial is not None and partial.events_alone and partial.fitted.names == (GUST.name,)
     (claim,) = partial.claims
     assert claim.records == (1,) and claim.parameters["peak"].value == pytest.approx(6.0, abs=1.0)
     assert claim.parameters["start"].value == pytest.approx(6.0, abs=0.2) and claim.evidence is not None and claim.evidence.by_record == ()
     assert claim.weighed is not None and claim.weighed.ground is Ground.CROSS_VALIDATED
-    # That it is not there in the record held out is nothing against it, as it would be against what replicates.
-    held = held_out_data(start, validation)
-    assert not predicts_no_better(held, partial) and predicts_no_better(held, replace(partial, events_alone=False))
+
+
+@pytest.mark.parametrize(("alone", "rise", "no_better"), [(True, -1.0, False), (True, 1.0, True), (False, -1.0, True), (False, 1.0, True)])
+def test_events_alone_need_not_lower_the_error_of_data_held_out_only_not_raise_it(
+    found: tuple[Ledger, Partial, Ledger], alone: bool, rise: float, no_better: bool
+) -> None:
+    """Two predictions that are alike but for a little of their cost."""
+    _, partial, _ = found
+    plain = partial.out.frozen
+    assert plain is not None
+    said = replace(partial, out=HeldOut(replace(plain, cost=plain.cost + rise), None), events_alone=alone)
+    assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), said) is no_better
 
 
 def test_a_phugoid_that_the_base_has_is_claimed_with_what_it_is_as_well(phugoids: tuple[Ledger, FittedModel, HeldOutData]) -> None:
