@@ -117,7 +117,8 @@ def test_a_guard_that_ties_on_the_fitted_record_and_wins_where_it_was_not_fitted
     verdict, cautions = verdict_on(after.problem, ledger.models[frozenset()], choice, [], ResidualTests(()), data(ledger, [elsewhere]))
     assert verdict is Verdict.UNEXPLAINED and cautions[0].concern is Concern.GUARD
     # Not where the other data do not choose, nor where they speak for the effect; and then what was compared is told with the guard.
-    assert choose_among_near(ledger, best, data(ledger, [elsewhere], choosing=False))[1].best.names == (LATE.name,)
+    _, choice = choose_among_near(ledger, best, data(ledger, [elsewhere], choosing=False))
+    assert choice.best.names == (LATE.name,) and set(choice.totals) == {frozenset({LATE.name})}
     _, choice = choose_among_near(ledger, best, data(ledger, [planted([LATE], {"sensor-delay:alpha.delay": 0.02}, 9)]))
     assert choice.best.names == (LATE.name,) and frozenset({guard.name}) in choice.totals
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.quantities import records_of
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.lone_event import _alone, event_that_stands
+from ident.tracing.replication.lone_event import _alone, _begun, event_that_stands
+from ident.tracing.screening.score_test import Finding
+from ident.whole_record.gauss_newton import Fit
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_scale import SensorScale
@@ -54,6 +59,16 @@ def test_two_records_are_too_few_to_stand_alone_and_nothing_but_events_is_asked(
     assert event_that_stands(two, (GUST,), root_of(two), 2) == (None, [])
     three = flown([1], 3)
     assert event_that_stands(three, (WRONG,), root_of(three), 3) == (None, [])
+
+
+def test_the_common_fit_begins_with_the_event_where_it_was_found_and_hardly_there_elsewhere() -> None:
+    flight = flown([], 3)
+    found = [5.0, 6.5, 1.2]
+    there = SimpleNamespace(theta=np.array([*found, 9.0]), layout=SimpleNamespace(names=[*CROSSED, "CL_q"]))
+    begun = _begun(root_of(flight), Finding(GUST, 50.0, 3, ({},), (50.0,), np.zeros(1)), 1, cast("Fit", there))
+    assert [begun.own[1][name] for name in CROSSED] == found
+    for r in (0, 2):
+        assert [begun.own[r][name] for name in CROSSED] == pytest.approx([0.05, 6.5, 1.2])
 
 
 @pytest.mark.parametrize(

@@ -12,22 +12,26 @@ import pytest
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.loop import fit_declared, held_out_data
+from ident.tracing.loop import fit_declared, held_out_data, predicts_no_better
 from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.weighed import Ground
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.phugoid import Phugoid
+from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
-from tests.tracing_problem import coloured, declared, fit_of, planted, problem_of
+from tests.tracing_problem import coloured, declared, doublets, fit_of, planted, problem_of
 
 LATE, AHEAD, SCALE = SensorDelay("alpha"), VaneOffset(), SensorScale("q")
+GUST, PHUGOID = GustDiscrete(), Phugoid()
 LIBRARY: tuple[Traceable, ...] = (LATE, AHEAD, SCALE)
 DELAYED = {"sensor-delay:alpha.delay": 0.08}
 
@@ -130,6 +134,57 @@ def test_a_second_effect_is_told_beside_the_first() -> None:
         ledger.steps[-1].sentence.startswith(f"{second.name}, with {first.name} already in the model, replicates")
         and "already" not in ledger.steps[-2].sentence
     )
+
+
+def test_an_event_is_claimed_of_its_record_and_needs_no_other() -> None:
+    """A gust in the second of three coloured records, which the record held out need not have."""
+    crossed = {"gust-discrete.peak": 6.0, "gust-discrete.start": 6.0, "gust-discrete.duration": 1.0}
+    flight = doublets(10.0, 25.0)
+    records = [
+        coloured(planted([GUST], {**crossed, "gust-discrete.peak": peak}, seed, flight=flight), seed) for seed, peak in enumerate((0.0, 6.0, 0.0))
+    ]
+    validation = [coloured(planted(seed=9, flight=flight), 9)]
+    start = fit_declared(replace(problem_of(records, (GUST,)), predicted=validation))
+    _, partial = cross_validated(start.ledger, start.root, held_out_data(start, validation))
+    assert partial is not None and partial.events_alone and partial.fitted.names == (GUST.name,)
+    (claim,) = partial.claims
+    assert claim.records == (1,) and claim.parameters["peak"].value == pytest.approx(6.0, abs=1.0)
+    assert claim.parameters["start"].value == pytest.approx(6.0, abs=0.2) and claim.evidence is not None and claim.evidence.by_record == ()
+    assert claim.weighed is not None and claim.weighed.ground is Ground.CROSS_VALIDATED
+
+
+@pytest.mark.parametrize(("alone", "rise", "no_better"), [(True, -1.0, False), (True, 1.0, True), (False, -1.0, True), (False, 1.0, True)])
+def test_events_alone_need_not_lower_the_error_of_data_held_out_only_not_raise_it(
+    found: tuple[Ledger, Partial, Ledger], alone: bool, rise: float, no_better: bool
+) -> None:
+    """Two predictions that are alike but for a little of their cost."""
+    _, partial, _ = found
+    plain = partial.out.frozen
+    assert plain is not None
+    said = replace(partial, out=HeldOut(replace(plain, cost=plain.cost + rise), None), events_alone=alone)
+    assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), said) is no_better
+
+
+def test_a_phugoid_that_the_base_has_is_claimed_with_what_it_is_as_well(phugoids: tuple[Ledger, FittedModel, HeldOutData]) -> None:
+    """Cross-validated where it stands; without evidence, and yet by name, where only another effect does."""
+    ledger, base, held = phugoids
+    _, partial = cross_validated(ledger, base, held)
+    assert partial is not None and not partial.events_alone
+    (claim,) = partial.claims
+    assert claim.name == PHUGOID.name and claim.alternatives[0] == "speed-variation" and claim.evidence is not None
+    assert abs(claim.parameters["attitude"].value) > thresholds.CLEARLY_OFF_ABSENCE * claim.parameters["attitude"].std
+    said = told._of_background(base, PHUGOID)
+    assert said.alternatives == ("speed-variation",) and said.evidence is None and said.weighed is not None
+
+
+@pytest.fixture(scope="module")
+def phugoids() -> tuple[Ledger, FittedModel, HeldOutData]:
+    """Coloured records of 14 s along paths up and down, the declared model with a phugoid fitted to three of them."""
+    flight, attitudes = doublets(14.0, 25.0), (0.06, -0.05, 0.05, 0.04)
+    flown = [{"phugoid.attitude": each, "phugoid.induced_drag": 4.0} for each in attitudes]
+    records = [coloured(planted([PHUGOID], values, seed, flight=flight), seed) for seed, values in enumerate(flown, start=1)]
+    start = fit_declared(replace(problem_of(records[:3], (PHUGOID, SpeedVariation())), predicted=records[3:]))
+    return start.ledger, fit_of(start.ledger.problem, (PHUGOID,), start.root), held_out_data(start, records[3:])
 
 
 def test_where_nothing_stands_only_the_evidence_is_told() -> None:
