@@ -17,7 +17,8 @@ from sim.maths.constants import G0
 
 SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
-BELIEVED = (-0.06, 0.06)  # three times what is known of the moment beforehand
+# Three to five times what is known beforehand.
+BELIEVED = {"trim_moment": (-0.06, 0.06), "speed_damping": (-0.03, 0.05), "induced_drag": (-15.0, 25.0)}
 EVEN_CHANGE = 0.01  # rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite level does
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)  # rad: the speed is almost linear in the attitude, so few places reach all
 
@@ -70,7 +71,7 @@ class Phugoid:
             ),
             short_name="phugoid",
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
-            plausible={"trim_moment": BELIEVED} | ({} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST)}),
+            plausible={"trim_moment": BELIEVED["trim_moment"]} if self.speed_recorded else {"attitude": (-STEEPEST, STEEPEST), **BELIEVED},
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
             never_beside=("speed-variation",),
             per_record=not self.speed_recorded,
