@@ -78,6 +78,8 @@ def name_probabilities(
 def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> tuple[Claim, ...]:
     """The claims, each that is no hint with the probabilities of its name, of those that could take its place, and of something else.
 
+    Alternatives are those that are likely enough (``thresholds.LIKELY_ENOUGH``).
+
     ``twins`` : by name of an effect, other descriptions of the same fault.
     """
     names = [claim.name for claim in claims]
@@ -97,4 +99,13 @@ def _named(claim: Claim) -> float:
 def _with_probability(claim: Claim, others: Sequence[str], twins: Collection[str]) -> Claim:
     if not claim.claimed or claim.weighed is None:
         return claim
-    return replace(claim, probability=name_probabilities(claim.name, others, claim.weighed, twins))
+    told = name_probabilities(claim.name, others, claim.weighed, twins)
+    return replace(claim, probability=told, alternatives=_likely_enough(claim, told, {*twins, *claim.weighed.same}))
+
+
+def _likely_enough(claim: Claim, told: Mapping[str, float], alike: Collection[str]) -> tuple[str, ...]:
+    """The alternatives that are likely enough to be named, other words for the same fault first; where it was cross-validated none is added."""
+    likely = [name for name, p in sorted(told.items(), key=lambda item: -item[1]) if p > thresholds.LIKELY_ENOUGH]
+    known = [name for name in claim.alternatives if name in alike or name in likely]
+    further = [name for name in likely if name not in (claim.name, SOMETHING_ELSE) and claim.evidence is None]
+    return tuple(dict.fromkeys([*known, *further]))[: thresholds.ALTERNATIVES_NAMED]
