@@ -27,17 +27,15 @@ class Calibration:
     ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.
     """
 
-    temperature: float = thresholds.TEMPERATURE
-    share_of_price: float = thresholds.SHARE_OF_PRICE
-    against_guards: float = thresholds.AGAINST_GUARDS
+    temperature: float = field(default_factory=lambda: thresholds.TEMPERATURE)
+    share_of_price: float = field(default_factory=lambda: thresholds.SHARE_OF_PRICE)
+    against_guards: float = field(default_factory=lambda: thresholds.AGAINST_GUARDS)
     wrong: Mapping[str, float] = field(default_factory=lambda: thresholds.WRONG_WHATEVER)
 
 
-PRESENT = Calibration()
-
-
-def weights_of(sets: Sequence[ComparedSet], calibration: Calibration = PRESENT) -> np.ndarray:
+def weights_of(sets: Sequence[ComparedSet], calibration: Calibration | None = None) -> np.ndarray:
     """Relative weights ``(len(sets),)`` of sets, the largest one."""
+    calibration = calibration or Calibration()
     behind = np.array([item.misfit + calibration.share_of_price * item.price + item.declared for item in sets])
     behind += np.array([calibration.against_guards if item.guard else 0.0 for item in sets])
     exponent = -0.5 * behind / calibration.temperature
@@ -45,7 +43,7 @@ def weights_of(sets: Sequence[ComparedSet], calibration: Calibration = PRESENT) 
 
 
 def name_probabilities(
-    name: str, others: Collection[str], weighed: Weighed, twins: Collection[str], calibration: Calibration = PRESENT
+    name: str, others: Collection[str], weighed: Weighed, twins: Collection[str], calibration: Calibration | None = None
 ) -> Mapping[str, float]:
     """Probability that a claimed effect, each name that could take its place, or something else is what acts; together one.
 
@@ -56,6 +54,7 @@ def name_probabilities(
 
     A set in which nothing takes its place counts as something else, and so does one with a guard.
     """
+    calibration = calibration or Calibration()
     mine, beside = {name, *twins}, set(others)
     found: dict[str, float] = {name: 0.0, SOMETHING_ELSE: 0.0}
     for item, weight in zip(weighed.sets, weights_of(weighed.sets, calibration) if weighed.sets else (), strict=True):
