@@ -11,6 +11,7 @@ from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import only_beside_another
 from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.selection.near_aliases import near_aliases
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
@@ -33,6 +34,10 @@ def pairs_at_once(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[Fitte
         sentence = f"{one.effect.name} and {other.effect.name} together lower the criterion by {brought:.1f}"
         ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
         found.append(ledger.known(child))
+    if found:
+        # The projection of two takes the likest of one kind; another of that kind may be what acts.
+        ledger, alike = near_aliases(ledger, min(found, key=ledger.score), settings.near)
+        found += alike
     return ledger, found
 
 
