@@ -36,6 +36,11 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         return ledger, judgement
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
+    if partial is not None and partial.events_alone:
+        # Rough air is made of events: one of them is claimed where the rest is quiet.
+        ledger, rough = in_rough_air(ledger, found, judgement)
+        if rough.verdict is Verdict.PARTIAL:
+            return ledger, rough
     if partial is not None and not predicts_no_better(found.held, partial):
         return judged_again(ledger, found, partial)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.

@@ -22,9 +22,11 @@ def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
 
 def _goes_with_motion(ledger: Ledger, best: FittedModel, held: HeldOutData) -> bool:
     """Whether the set without its process noise leaves more where the aircraft moves: rough air does not know of that."""
-    rest = frozenset(effect.name for effect in best.effects if not isinstance(effect, NoiseEffect))
-    plain = ledger.models.get(rest, ledger.models.get(frozenset()))
-    if not has_process_noise(best.system) or plain is None or has_process_noise(plain.system):
+    if not has_process_noise(best.system):
+        return False
+    rest = tuple(effect for effect in best.effects if not isinstance(effect, NoiseEffect))
+    plain = ledger.models.get(frozenset(effect.name for effect in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+    if plain is None or has_process_noise(plain.system):
         return False
     frozen = predicted_by(plain, held, informed=False).frozen
     return is_uneven([plain.fit, *([frozen] if frozen is not None else [])])

@@ -47,7 +47,8 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
         ledger, children = _expand_beam(ledger, beam, number)
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
-            ledger, pairs = pairs_at_once(ledger, base)
+            # Rounds that went astray leave means for what has not been tried.
+            ledger, pairs = pairs_at_once(ledger.renewed(thresholds.LEFT_FOR_PAIRS), base)
             ledger, beam = _freer_forms(ledger, _best(ledger, [*beam, *pairs]))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
