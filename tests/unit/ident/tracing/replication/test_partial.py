@@ -11,8 +11,9 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.claims_beside_noise import predicts_no_better
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.loop import fit_declared, held_out_data, predicts_no_better
+from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.partial import Partial, cross_validated
