@@ -27,17 +27,15 @@ class Calibration:
     ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.
     """
 
-    temperature: float = thresholds.TEMPERATURE
-    share_of_price: float = thresholds.SHARE_OF_PRICE
-    against_guards: float = thresholds.AGAINST_GUARDS
+    temperature: float = field(default_factory=lambda: thresholds.TEMPERATURE)
+    share_of_price: float = field(default_factory=lambda: thresholds.SHARE_OF_PRICE)
+    against_guards: float = field(default_factory=lambda: thresholds.AGAINST_GUARDS)
     wrong: Mapping[str, float] = field(default_factory=lambda: thresholds.WRONG_WHATEVER)
 
 
-PRESENT = Calibration()
-
-
-def weights_of(sets: Sequence[ComparedSet], calibration: Calibration = PRESENT) -> np.ndarray:
+def weights_of(sets: Sequence[ComparedSet], calibration: Calibration | None = None) -> np.ndarray:
     """Relative weights ``(len(sets),)`` of sets, the largest one."""
+    calibration = calibration or Calibration()
     behind = np.array([item.misfit + calibration.share_of_price * item.price + item.declared for item in sets])
     behind += np.array([calibration.against_guards if item.guard else 0.0 for item in sets])
     exponent = -0.5 * behind / calibration.temperature
@@ -45,7 +43,7 @@ def weights_of(sets: Sequence[ComparedSet], calibration: Calibration = PRESENT) 
 
 
 def name_probabilities(
-    name: str, others: Collection[str], weighed: Weighed, twins: Collection[str], calibration: Calibration = PRESENT
+    name: str, others: Collection[str], weighed: Weighed, twins: Collection[str], calibration: Calibration | None = None
 ) -> Mapping[str, float]:
     """Probability that a claimed effect, each name that could take its place, or something else is what acts; together one.
 
@@ -56,6 +54,7 @@ def name_probabilities(
 
     A set in which nothing takes its place counts as something else, and so does one with a guard.
     """
+    calibration = calibration or Calibration()
     mine, beside = {name, *twins}, set(others)
     found: dict[str, float] = {name: 0.0, SOMETHING_ELSE: 0.0}
     for item, weight in zip(weighed.sets, weights_of(weighed.sets, calibration) if weighed.sets else (), strict=True):
@@ -78,6 +77,8 @@ def name_probabilities(
 def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> tuple[Claim, ...]:
     """The claims, each that is no hint with the probabilities of its name, of those that could take its place, and of something else.
 
+    Alternatives are those that are likely enough (``thresholds.LIKELY_ENOUGH``).
+
     ``twins`` : by name of an effect, other descriptions of the same fault.
     """
     names = [claim.name for claim in claims]
@@ -97,4 +98,13 @@ def _named(claim: Claim) -> float:
 def _with_probability(claim: Claim, others: Sequence[str], twins: Collection[str]) -> Claim:
     if not claim.claimed or claim.weighed is None:
         return claim
-    return replace(claim, probability=name_probabilities(claim.name, others, claim.weighed, twins))
+    told = name_probabilities(claim.name, others, claim.weighed, twins)
+    return replace(claim, probability=told, alternatives=_likely_enough(claim, told, {*twins, *claim.weighed.same}))
+
+
+def _likely_enough(claim: Claim, told: Mapping[str, float], alike: Collection[str]) -> tuple[str, ...]:
+    """The alternatives that are likely enough to be named, other words for the same fault first; where it was cross-validated none is added."""
+    likely = [name for name, p in sorted(told.items(), key=lambda item: -item[1]) if p > thresholds.LIKELY_ENOUGH]
+    known = [name for name in claim.alternatives if name in alike or name in likely]
+    further = [name for name in likely if name not in (claim.name, SOMETHING_ELSE) and claim.evidence is None]
+    return tuple(dict.fromkeys([*known, *further]))[: thresholds.ALTERNATIVES_NAMED]

@@ -27,8 +27,8 @@ class Choice:
     """The set that is judged and what it does on data that were not fitted.
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
-    data that were not fitted where these take part in choosing. Empty where nothing was compared. ``sets`` : the same for the probability of
-    names, with others that the search passed; empty until it is asked. ``uneven`` : what its process noise stands for goes with the motion.
+    data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
+    others that the search passed. ``uneven`` : what its process noise stands for goes with the motion.
     """
 
     best: FittedModel

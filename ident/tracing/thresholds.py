@@ -106,8 +106,8 @@ BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent
 
 # How probable is a name? Calibrated on simulated papers and stand-ins (``scenarios/trials``), none of them of the reliability curve.
 TEMPERATURE = 1.0  # of the log likelihood: one where its model of the noise is right
-SHARE_OF_PRICE = 1.0  # of what the criterion charges
+SHARE_OF_PRICE = 0.5  # of what the criterion charges
 AGAINST_GUARDS = 0.0  # in twice the log likelihood
-WRONG_WHATEVER = {"noise left": 0.02, "cross-validated": 0.1, "one-step": 0.05, "samples": 0.01}
+WRONG_WHATEVER = {"noise left": 0.03, "cross-validated": 0.1, "one-step": 0.1, "samples": 0.02}
 LIKELIER_THAN_NOT = 0.5  # theorem: what is claimed is likelier than all that is not named
 LIKELY_ENOUGH = 0.05  # fixed by the format of a diagnosis: what is likelier is named beside a claim

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.statistics.shares import clopper_pearson
-from ident.tracing.name_probability import PRESENT, SOMETHING_ELSE, Calibration, name_probabilities
+from ident.tracing.name_probability import SOMETHING_ELSE, Calibration, name_probabilities
 from ident.tracing.weighed import ComparedSet, Ground, Weighed
 
 EDGES = (0.05, 0.2, 0.5, 0.8, 0.95, 1.0)
@@ -30,7 +30,7 @@ class Statement:
     weighed: Weighed
     right: frozenset[str]
 
-    def probabilities(self, calibration: Calibration = PRESENT) -> Mapping[str, float]:
+    def probabilities(self, calibration: Calibration | None = None) -> Mapping[str, float]:
         """By name, something else among them."""
         return name_probabilities(self.name, self.others, self.weighed, self.twins, calibration)
 
@@ -51,7 +51,7 @@ class Bin:
         return clopper_pearson(self.right, self.count)
 
 
-def reliability(statements: Sequence[Statement], calibration: Calibration = PRESENT) -> tuple[Bin, ...]:
+def reliability(statements: Sequence[Statement], calibration: Calibration | None = None) -> tuple[Bin, ...]:
     """How often names are right, by the probability that was said; one less likely than ``EDGES[0]`` and something else are left out."""
     pairs = [
         (p, name in statement.right)
