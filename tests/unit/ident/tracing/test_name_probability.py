@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ident.tracing import thresholds
-from ident.tracing.diagnosis import Claim
-from ident.tracing.name_probability import PRESENT, SOMETHING_ELSE, Calibration, name_probabilities, unlikely, weights_of, with_probabilities
+from ident.tracing.diagnosis import Claim, Evidence
+from ident.tracing.name_probability import SOMETHING_ELSE, Calibration, name_probabilities, unlikely, weights_of, with_probabilities
 from ident.tracing.weighed import ComparedSet, Ground, Weighed
 
 LAG, DELAY, SCALE, GUARD = "sensor-lag:q", "sensor-delay:q", "sensor-scale:q", "guard:alpha-q"
@@ -89,11 +91,20 @@ def test_a_name_under_which_the_equations_are_the_same_has_half_of_it() -> None:
     assert found == pytest.approx({LAG: BAR * 0.375, "alike": BAR * 0.375, SCALE: BAR * 0.25, SOMETHING_ELSE: 0.2})
 
 
-def test_every_ground_has_its_share_of_wrong_claims() -> None:
-    assert set(PRESENT.wrong) == {ground.value for ground in Ground}
-    assert all(0.0 < share < 1.0 for share in PRESENT.wrong.values()) and PRESENT.temperature > 0.0
-    numbers = (thresholds.TEMPERATURE, thresholds.SHARE_OF_PRICE, thresholds.AGAINST_GUARDS)
-    assert (PRESENT.temperature, PRESENT.share_of_price, PRESENT.against_guards) == numbers and PRESENT.wrong == thresholds.WRONG_WHATEVER
+def test_every_ground_has_its_share_of_wrong_claims_and_numbers_are_read_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    present = Calibration()
+    assert set(present.wrong) == {ground.value for ground in Ground} and present.wrong == thresholds.WRONG_WHATEVER
+    assert all(0.0 < share < 1.0 for share in present.wrong.values()) and present.temperature > 0.0
+    sets = (ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 6.0, 4.0), ComparedSet((GUARD,), 3.0, guard=True))
+    assert dict(name_probabilities(LAG, (), Weighed(Ground.NOISE_LEFT, sets), ())) == told(*sets, calibration=present)
+    for name, number in (
+        ("TEMPERATURE", 2.0),
+        ("SHARE_OF_PRICE", 0.5),
+        ("AGAINST_GUARDS", CALIBRATED.against_guards),
+        ("WRONG_WHATEVER", CALIBRATED.wrong),
+    ):
+        monkeypatch.setattr(thresholds, name, number)
+    assert dict(name_probabilities(LAG, (), Weighed(Ground.NOISE_LEFT, sets), ())) == told(*sets)
 
 
 NAMES = st.lists(st.sampled_from([LAG, DELAY, SCALE, GUARD, "a", "b"]), unique=True, max_size=3).map(tuple)
@@ -122,8 +133,8 @@ def test_claims_get_theirs_hints_and_what_was_never_weighed_get_none() -> None:
     lag, scale = Claim(LAG, {}, weighed=weighed), Claim(SCALE, {}, weighed=weighed)
     twins = {LAG: (DELAY,)}
     first, second, hint, unknown = with_probabilities([lag, scale, Claim("hint", {}, claimed=False, weighed=weighed), Claim("x", {})], twins)
-    assert dict(first.probability) == told(*sets, others=(SCALE,), twins=(DELAY,), calibration=PRESENT)
-    assert dict(second.probability) == told(*sets, name=SCALE, others=(LAG,), calibration=PRESENT)
+    assert dict(first.probability) == told(*sets, others=(SCALE,), twins=(DELAY,), calibration=Calibration())
+    assert dict(second.probability) == told(*sets, name=SCALE, others=(LAG,), calibration=Calibration())
     assert set(first.probability) == {LAG, SOMETHING_ELSE} and set(second.probability) >= {SCALE, "other"}
     assert hint.probability == {} and unknown.probability == {}
     # A twin counts as the name where it is said to be one, and by nothing else.
@@ -131,8 +142,33 @@ def test_claims_get_theirs_hints_and_what_was_never_weighed_get_none() -> None:
     assert alone.probability[DELAY] > 0.0
 
 
+def against(*rivals: ComparedSet) -> Weighed:
+    return Weighed(Ground.SAMPLES, (ComparedSet((LAG,), 0.0), *rivals))
+
+
+PROVEN = Evidence(0.6, 0.05, (), {})
+
+
 def test_a_claim_that_is_less_likely_with_its_alternatives_than_what_is_not_named_is_unlikely() -> None:
-    even = Weighed(Ground.SAMPLES, (ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 0.0), ComparedSet(("b",), 0.0)))
-    alone, beside = Claim(LAG, {}, weighed=even), Claim(LAG, {}, (SCALE,), weighed=even)
-    assert unlikely([alone], {}) == [LAG] and unlikely([beside], {}) == [] and unlikely([alone], {LAG: (SCALE,)}) == []
-    assert unlikely([replace(alone, claimed=False), Claim("x", {})], {}) == []
+    guards = against(ComparedSet((GUARD,), 0.0, guard=True), ComparedSet((), 0.0))
+    assert unlikely([Claim(LAG, {}, weighed=guards)], {}) == [LAG]
+    assert unlikely([Claim(LAG, {}, claimed=False, weighed=guards), Claim("x", {})], {}) == []
+    # What is named beside it counts with it; of what was cross-validated no other name is added.
+    names = against(ComparedSet((SCALE,), 0.0), ComparedSet(("b",), 0.0))
+    claim = Claim(LAG, {}, weighed=names)
+    assert unlikely([claim], {}) == unlikely([replace(claim, evidence=PROVEN, alternatives=(SCALE,))], {}) == []
+    assert unlikely([replace(claim, evidence=PROVEN)], {}) == [LAG] and unlikely([replace(claim, evidence=PROVEN)], {LAG: (SCALE,)}) == []
+
+
+def test_alternatives_are_what_is_likely_enough_and_other_words_for_the_same() -> None:
+    """One in twenty; two names at most, the likeliest first behind what is the same; a guard is no name."""
+    weighed = against(ComparedSet(("a",), 2.0), ComparedSet(("b",), 1.0), ComparedSet(("far",), 30.0), ComparedSet((GUARD,), 0.0, guard=True))
+
+    def named(claim: Claim, twins: Mapping[str, tuple[str, ...]] = MappingProxyType({})) -> tuple[str, ...]:
+        (told,) = with_probabilities([claim], twins)
+        return told.alternatives
+
+    claim = Claim(LAG, {}, ("far", DELAY), weighed=weighed)
+    assert named(claim) == ("b", "a") and named(claim, {LAG: (DELAY,)}) == (DELAY, "b")
+    assert named(replace(claim, weighed=replace(weighed, same=("far",)))) == ("far", "b")
+    assert named(replace(claim, evidence=PROVEN)) == () and named(replace(claim, evidence=PROVEN, alternatives=("a",))) == ("a",)
