@@ -10,7 +10,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import are_equivalent, told_by_declared
-from ident.tracing.restored_belief import with_belief_restored
+from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
@@ -49,6 +49,9 @@ def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
             ledger, choice = choose_among_near(ledger, leaner, held)
     if not is_white(choice.best, ledger.problem.settings.white):
         return ledger, choice
+    ledger, leaner = without_unbelievable(ledger, choice.best)
+    if leaner is not choice.best:
+        return choose_among_near(ledger, leaner, held)
     ledger, fuller = with_belief_restored(ledger, choice.best)
     return (ledger, choice) if fuller is choice.best else choose_among_near(ledger, fuller, held)
 

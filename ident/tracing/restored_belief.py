@@ -9,14 +9,29 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.derivatives import wild
+from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import misfit_to_declared
+from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Curve, Traceable
+
+
+def without_unbelievable(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
+    """The set less an effect whose own numbers cannot be claimed, where what is left is noise without it as well; else the set as it is."""
+    for effect in best.effects if len(best.effects) > 1 and not best.guards else ():
+        if why_not(effect, quantities(best, effect), best) is None:
+            continue
+        ledger, rest = fitted_without(ledger, best, effect)
+        if rest is not None and is_white(rest, ledger.problem.settings.white):
+            sentence = f"{effect.name} is left out: its numbers cannot be claimed, and what is left is noise without it"
+            ledger = ledger.kept(rest, ledger.score(best) + rest.criterion - best.criterion)
+            return ledger.told(Step(rest.names, ledger.score(rest), rest.fit.log_likelihood, sentence)), ledger.known(rest)
+    return ledger, best
 
 
 def with_belief_restored(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:

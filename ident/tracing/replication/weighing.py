@@ -102,8 +102,8 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         copies = replicate(flight, child, finding.effect)
         stands, why = _judged(lowered, copies)
     few = recordings(flight.records) < thresholds.FEWEST_RECORDS
-    if stands and few and (len(asked) < len(flight.records) or min(map(_share, *pairs)) < thresholds.HALF_OF_IT):
-        stands, why = False, "with two records it has to explain half of what each leaves"
+    if stands and few and (len(asked) < len(flight.records) or min(map(_share, *pairs)) < thresholds.MOST_OF_IT):
+        stands, why = False, "with two records it has to explain three quarters of what each leaves"
     if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
