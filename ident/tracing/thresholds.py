@@ -32,6 +32,7 @@ LOOKS_ALIKE = 0.5  # projected gain of a near-alias over what the effect itself 
 LITTLE = 0.05  # of the best candidate's gain. chosen: below it a candidate's held-out change is not worth a fit
 CANDIDATES_FITTED, GUARDS_FITTED = 6, 3  # chosen, for time: full fits to many subsets of the records are the dearest part
 PAIRS_FITTED = 3  # chosen, for time
+PAIRS_AT_ONCE = 6  # of the search. chosen, for time: projections of two effects err more than of one
 PAIR_MARGIN = 0.01  # of ln(error). chosen: a pair's projection is not known better
 EVENT_SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s. chosen: half a period of a short-period motion either way, in steps that the fit closes
 RIVALS_NEAR, RIVALS_WIDE = 3, 6  # sets weighed again within ``near`` and ``wide``. chosen, for time

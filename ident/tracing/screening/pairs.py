@@ -11,7 +11,9 @@ from ident.tracing import thresholds
 from ident.tracing.screening.score_test import Finding, collinear
 
 
-def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: float) -> list[tuple[Finding, Finding]]:
+def likely_pairs(
+    findings: Sequence[Finding], found: Sequence[str], samples: float, most: int = thresholds.PAIRS_FITTED
+) -> list[tuple[Finding, Finding]]:
     """Pairs of a fitted model's findings that promise a larger fall of ln(error) than what was ``found`` did there.
 
     A few at most, the most promising first.
@@ -29,7 +31,7 @@ def likely_pairs(findings: Sequence[Finding], found: Sequence[str], samples: flo
         and collinear(one, other) < thresholds.COLLINEAR
         and (fall := joint_fall(one, other, samples)) > least + thresholds.PAIR_MARGIN
     ]
-    return [(one, other) for _, one, other in sorted(falls, key=lambda item: -item[0])[: thresholds.PAIRS_FITTED]]
+    return [(one, other) for _, one, other in sorted(falls, key=lambda item: -item[0])[:most]]
 
 
 def joint_fall(one: Finding, other: Finding, samples: float) -> float:

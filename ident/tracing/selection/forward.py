@@ -14,6 +14,7 @@ from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import expand, with_process_noise
 from ident.tracing.selection.ledger import Ledger
+from ident.tracing.selection.pairs_at_once import pairs_at_once
 from sim.declaration.effect import NoiseEffect
 
 Beam = list[FittedModel]
@@ -45,6 +46,9 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
     for number in range(2, ledger.problem.settings.depth + 1):
         ledger, children = _expand_beam(ledger, beam, number)
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
+        if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
+            ledger, pairs = pairs_at_once(ledger, base)
+            ledger, beam = _freer_forms(ledger, _best(ledger, [*beam, *pairs]))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
             ledger, together = _white_with_process_noise(ledger, first, 2)
