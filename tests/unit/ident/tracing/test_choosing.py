@@ -79,11 +79,11 @@ def test_a_search_over_two_records_goes_its_way_whatever_is_held_out() -> None:
 
 def test_what_replicates_is_found_in_the_fitted_records_alone() -> None:
     """Coloured records, which no set of effects explains. Held-out data that refuse the effect must not send the search on to others."""
-    records = [coloured(planted([LATE], DELAYED, seed), seed, 0.5) for seed in (1, 2)]
-    alike = traced(records, coloured(planted([LATE], DELAYED, 7, flight=gentle()), 7, 0.5))
+    records = [coloured(planted([LATE], DELAYED, seed), seed, 0.3) for seed in (1, 2)]
+    alike = traced(records, coloured(planted([LATE], DELAYED, 7, flight=gentle()), 7, 0.3))
     assert alike.verdict is Verdict.PARTIAL and [claim.name for claim in alike.effects] == [LATE.name]
-    also_scaled = traced(records, coloured(unlike([LATE, SCALE], {**DELAYED, **SCALED}), 9, 0.5))
-    refusing = traced(records, coloured(unlike([SCALE], SCALED), 9, 0.5))
+    also_scaled = traced(records, coloured(unlike([LATE, SCALE], {**DELAYED, **SCALED}), 9, 0.3))
+    refusing = traced(records, coloured(unlike([SCALE], SCALED), 9, 0.3))
     for diagnosis in (also_scaled, refusing):
         assert diagnosis.steps == alike.steps
         assert looked_at(diagnosis) == looked_at(alike)

@@ -5,6 +5,7 @@ A late vane and a vane ahead of the centre of gravity look much alike, so that t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import pytest
@@ -61,17 +62,19 @@ def test_two_causes_within_the_odds_of_chance_are_ambiguous(monkeypatch: pytest.
 def test_data_that_take_part_in_choosing_resolve_a_tie() -> None:
     """The margin counts over all of them: another record tells the two apart."""
     record, other = late(0.01), late(0.01, 5)
-    assert margin(record, LATE, AHEAD) < thresholds.AMBIGUOUS < margin(other, LATE, AHEAD) + margin(record, LATE, AHEAD)
+    assert margin(record, LATE, AHEAD) < thresholds.AMBIGUOUS
     diagnosis = traced(record, BOTH, validation=[other])
-    assert diagnosis.used_to_choose and told(diagnosis) == (Verdict.TRACED, [(LATE.name, (AHEAD.name,))])
+    assert 2.0 * math.log(1.0 / thresholds.LIKELY_ENOUGH) < margin(other, LATE, AHEAD) + margin(record, LATE, AHEAD)
+    assert diagnosis.used_to_choose and told(diagnosis) == (Verdict.TRACED, [(LATE.name, ())])
 
 
 def test_a_cause_that_is_clearly_but_not_by_far_worse_is_named_beside_the_one_traced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its odds: likelier than one in twenty."""
     record = late(0.02)
     assert thresholds.AMBIGUOUS + 1.0 < margin(record, LATE, AHEAD) < thresholds.ALTERNATIVE - 1.0
     assert told(traced(record, BOTH)) == (Verdict.TRACED, [(LATE.name, (AHEAD.name,))])
     with monkeypatch.context() as none:
-        none.setattr(thresholds, "ALTERNATIVE", 0.0)
+        none.setattr(thresholds, "LIKELY_ENOUGH", 0.5)
         assert told(traced(record, BOTH)) == (Verdict.TRACED, [(LATE.name, ())])
     monkeypatch.setattr(thresholds, "AMBIGUOUS", 2.0 * thresholds.AMBIGUOUS)
     assert traced(record, BOTH).verdict is Verdict.AMBIGUOUS
@@ -81,13 +84,18 @@ def test_a_cause_that_is_worse_by_far_is_not_named(monkeypatch: pytest.MonkeyPat
     record = late(0.03)
     assert thresholds.ALTERNATIVE + 1.0 < margin(record, LATE, AHEAD) < SETTINGS.near
     assert told(traced(record, BOTH)) == (Verdict.TRACED, [(LATE.name, ())])
-    monkeypatch.setattr(thresholds, "ALTERNATIVE", 2.0 * thresholds.ALTERNATIVE)
+    monkeypatch.setattr(thresholds, "LIKELY_ENOUGH", 1e-5)
     assert told(traced(record, BOTH)) == (Verdict.TRACED, [(LATE.name, (AHEAD.name,))])
 
 
 def test_a_guard_that_hardly_wins_leaves_the_place_to_an_effect_of_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     record = ahead(4.0, 2)
     assert 2.0 < margin(record, GUARD, LATE) < thresholds.GUARD_TIE - 1.0
+    # It is the likelier of the two for all that, unless as much is held against guards: then nothing is claimed after all.
+    monkeypatch.setattr(thresholds, "AGAINST_GUARDS", 0.0)
+    withdrawn = traced(record, [LATE], [GUARD])
+    assert told(withdrawn) == (Verdict.UNEXPLAINED, []) and withdrawn.warnings[0].concern is Concern.UNLIKELY
+    monkeypatch.setattr(thresholds, "AGAINST_GUARDS", thresholds.GUARD_TIE)
     assert told(traced(record, [LATE], [GUARD])) == (Verdict.TRACED, [(LATE.name, ())])
     monkeypatch.setattr(thresholds, "GUARD_TIE", 0.0)
     diagnosis = traced(record, [LATE], [GUARD])
@@ -100,4 +108,5 @@ def test_a_guard_that_wins_by_more_stands(monkeypatch: pytest.MonkeyPatch) -> No
     diagnosis = traced(record, [LATE], [GUARD])
     assert told(diagnosis) == (Verdict.UNEXPLAINED, []) and diagnosis.warnings[0].concern is Concern.GUARD
     monkeypatch.setattr(thresholds, "GUARD_TIE", 2.0 * thresholds.GUARD_TIE)
+    monkeypatch.setattr(thresholds, "AGAINST_GUARDS", thresholds.GUARD_TIE)
     assert told(traced(record, [LATE], [GUARD])) == (Verdict.TRACED, [(LATE.name, ())])

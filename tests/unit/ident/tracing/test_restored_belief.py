@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from ident.tracing.belief.standing import why_not
+from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.equivalents import misfit_to_declared
-from ident.tracing.restored_belief import with_belief_restored
+from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.sensor_path.accelerometer_offset import AccelerometerOffset
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -64,3 +66,18 @@ def test_a_set_that_the_search_has_passed_is_taken_before_anything_is_fitted(hid
         ledger = ledger.kept(fitted, fitted.criterion)
     after, best = with_belief_restored(ledger, wild_one)
     assert set(best.names) == {LATE.name, AHEAD.name} and after.spent == ledger.spent
+
+
+def test_an_effect_whose_numbers_cannot_be_claimed_leaves_a_set_that_is_noise_without_it() -> None:
+    """A pitch rate that is late by nothing that the record knows, beside a late vane."""
+    idle = SensorDelay("q")
+    problem = problem_of([planted([LATE], {"sensor-delay:alpha.delay": 0.12}, 1)], [LATE, idle])
+    both = fit_of(problem, (LATE, idle), None, {"sensor-delay:alpha.delay": 0.1, "sensor-delay:q.delay": 1e-3})
+    assert why_not(idle, quantities(both, idle), both) is not None and why_not(LATE, quantities(both, LATE), both) is None
+    ledger = Ledger(problem).kept(both, both.criterion)
+    after, rest = without_unbelievable(ledger, both)
+    assert rest.names == (LATE.name,) and "sensor-delay:q is left out" in after.steps[-1].sentence
+    assert after.known(rest) is rest and after.score(rest) == pytest.approx(rest.criterion)
+    # One alone stays, which is left to the verdict.
+    alone = fit_of(problem, (idle,), both)
+    assert without_unbelievable(ledger, alone)[1] is alone

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.tracing import thresholds
-from ident.tracing.belief.evenness import chance_that_even, is_even, is_uneven
+from ident.tracing.belief.evenness import chance_that_even, is_even, is_uneven, loudest_fifth
 from ident.whole_record.gauss_newton import Fit
 
 
@@ -48,3 +48,15 @@ def test_the_test_is_spearmans() -> None:
     moved = np.mean((y - np.median(y)) ** 2, axis=1)
     expected = spearmanr(moved, np.mean(left**2, axis=1), alternative="greater").pvalue
     assert chance_that_even([fit]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_episode_is_not_even() -> None:
+    """Thirty seconds of the same noise, four of them ten times as loud: the wake of another aircraft."""
+    calm = moving(30, 0.0)
+    loud = np.where((np.arange(750) >= 250) & (np.arange(750) < 350), 10.0, 1.0)
+    wake = cast("Fit", SimpleNamespace(layout=calm.layout, lines=calm.lines, residuals=(loud * calm.residuals[0],), variance=calm.variance))
+    power = np.sort(np.sum((loud * calm.residuals[0])[0].reshape(30, 25) ** 2, axis=1))
+    assert loudest_fifth([wake]) == pytest.approx(power[-6:].sum() / power.sum())
+    assert loudest_fifth([calm]) < thresholds.EPISODE < loudest_fifth([wake])
+    assert loudest_fifth([calm, wake]) == pytest.approx(0.5 * (loudest_fifth([calm]) + loudest_fifth([wake])))
+    assert is_uneven([wake]) and not is_even([wake])

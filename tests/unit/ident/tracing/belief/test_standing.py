@@ -92,3 +92,11 @@ def test_an_event_that_begins_in_missing_rows_is_not_claimed(start: float, insid
     why = why_not(load, found, fitted)
     assert (why is not None and why.concern is Concern.ROWS_MISSING) is inside
     assert np.median(np.diff(fitted.fit.layout.problems[0].record.time)) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("samples", "stands"), [(2.5, True), (1.5, False)])
+def test_an_event_no_longer_than_two_samples_is_the_recorders(fitted: FittedModel, samples: float, stands: bool) -> None:
+    """At 50 Hz; a gust and a load alike."""
+    lasts = (samples * 0.02, 1e-4, "s")
+    why = why_not(UnmeasuredInput(), told(start=(4.0, 0.01, "s"), duration=lasts, moment=(0.01, 0.001, "1")), fitted)
+    assert (why is None or "the recorder did that" not in why.sentence) is stands

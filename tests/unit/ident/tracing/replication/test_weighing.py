@@ -69,19 +69,19 @@ def test_what_any_record_may_have_needs_no_third_one() -> None:
     assert Phugoid().traits.background and weighed(flown(Phugoid(), values, 0.3), Phugoid()).stands
 
 
-def test_with_two_records_an_effect_has_to_explain_half_of_what_each_leaves(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
-    two = flown(LATE, [DELAYED] * 2, 0.5)
+def test_with_two_records_an_effect_has_to_explain_most_of_what_each_leaves(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    two = flown(LATE, [DELAYED] * 2, 0.3)
     assert weighed(two, LATE).stands
-    for share, expected in ((0.51, True), (0.49, False)):
+    for share, expected in ((thresholds.MOST_OF_IT + 0.01, True), (thresholds.MOST_OF_IT - 0.01, False)):
         monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after, share=share: share)
         found = weighed(two, LATE)
-        assert found.stands is expected and ("half of what each leaves" in found.why) is not expected
+        assert found.stands is expected and ("of what each leaves" in found.why) is not expected
     assert weighed(late, LATE).stands, "three records are asked for replication alone"
 
 
-def test_it_has_to_be_half_of_each_record_not_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    two = flown(LATE, [DELAYED] * 2, 0.5)
-    shares = iter((0.9, 0.3))
+def test_it_has_to_be_most_of_each_record_not_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = flown(LATE, [DELAYED] * 2, 0.3)
+    shares = iter((0.99, thresholds.MOST_OF_IT - 0.1))
     monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after: next(shares))
     assert not weighed(two, LATE).stands
 

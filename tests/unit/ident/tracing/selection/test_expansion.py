@@ -81,9 +81,9 @@ def test_children_that_know_the_same_better_optimum_of_their_parent_lower_its_sc
 
 
 def test_a_phugoid_and_an_even_change_of_speed_are_never_put_side_by_side() -> None:
-    """Two laws of one thing; where the airspeed is recorded neither changes it."""
+    """Two laws of one thing."""
     phugoid, even, scale = Phugoid(), SpeedVariation(), SensorScale("nz")
     problem = problem_of([planted()], (phugoid, even, scale))
     with_phugoid, with_even = fit_of(problem, [phugoid]), fit_of(problem, [even])
     assert _excluded(with_phugoid, even) and _excluded(with_even, phugoid)
-    assert not _excluded(with_phugoid, scale) and not _excluded(with_even, scale) and not _excluded(with_even, Phugoid(speed_recorded=True))
+    assert not _excluded(with_phugoid, scale) and not _excluded(with_even, scale)
