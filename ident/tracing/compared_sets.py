@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -43,7 +44,7 @@ def sets_compared(ledger: Ledger, choice: Choice) -> tuple[ComparedSet, ...]:
 
 def _compared(ledger: Ledger, choice: Choice, mine: Key) -> Iterator[ComparedSet]:
     for key, misfit in choice.misfits.items():
-        if key == mine or key not in ledger.models:
+        if key == mine or key not in ledger.models or not math.isfinite(choice.totals[key] - choice.totals[mine]):
             continue
         behind, price = misfit - choice.misfits[mine], _price(ledger.models[key]) - _price(choice.best)
         declared = choice.totals[key] - choice.totals[mine] - behind - price

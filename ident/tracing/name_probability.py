@@ -70,8 +70,8 @@ def name_probabilities(
     told = {key: (1.0 - wrong) * value / total for key, value in found.items()} if total > 0.0 else {name: 1.0 - wrong}
     told[SOMETHING_ELSE] = told.get(SOMETHING_ELSE, 0.0) + wrong
     # Under either name the equations are the same: nothing says which of them is likelier.
-    alike = dict.fromkeys((name, *weighed.same), told[name] / (1 + len(weighed.same)))
-    return {**told, **alike}
+    names = (name, *weighed.same)
+    return {**told, **dict.fromkeys(names, sum(told.get(each, 0.0) for each in names) / len(names))}
 
 
 def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> tuple[Claim, ...]:

@@ -29,7 +29,8 @@ def motion_that_stands(
     before = left_out(flight, plain) if known and plain is not None else None
     if plain is None or before is None:
         return None, []
-    rivals = [c for c in candidates if belongs_to_record(c) and c.name not in base.names]
+    # A drift of the derivatives is what a speed that changes does: no guard against it.
+    rivals = [c for c in candidates if belongs_to_record(c) and c.name not in base.names and not c.traits.guard]
     findings = screen(plain, [*known, *rivals], search_context(plain))
     results = [item for item in (weigh(flight, plain, finding, before) for finding in findings) if item is not None]
     mine = [item for item in results if item.effect.name in base.names and item.stands]

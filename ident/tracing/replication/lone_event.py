@@ -12,7 +12,8 @@ import numpy as np
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, is_event, local_names
-from ident.tracing.replication.by_record import Flight, Replication, recordings
+from ident.tracing.candidate_model.quantities import sigmas_from_absence
+from ident.tracing.replication.by_record import Flight, Replication, by_record, recordings
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
@@ -68,6 +69,8 @@ def _weighed(
     if child is None:
         return None
     stands, why = _alone(gain, rest, where, most, thresholds.LONE_EVENT)
+    if stands and sigmas_from_absence(finding.effect, by_record(child, finding.effect)[where]) < thresholds.CLEARLY_OFF_ABSENCE:
+        stands, why = False, "its parameters are not determined"
     return CrossValidation(
         finding.effect, finding, child, reduction([before[where]], [after]), Replication((), stands), gain, stands, why, {where: after}
     )
