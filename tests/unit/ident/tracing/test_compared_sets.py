@@ -129,10 +129,10 @@ def test_process_noise_that_stands_for_what_goes_with_the_motion_is_no_turbulenc
     root = ledger.models[frozenset()]
     verdict, cautions = verdict_on(ledger.problem, root, choice, [], ResidualTests(()), HeldOutData())
     assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.GOES_WITH_MOTION]
-    # A set without process noise is not asked, nor one whose plain form nobody fitted.
+    # A set without process noise is not asked; a plain form that nobody fitted is fitted for the question.
     assert not weighed(ledger, Choice(root, HeldOut(None, None)), held).uneven
     alone = Ledger(ledger.problem).kept(best, best.criterion)
-    assert not weighed(alone, Choice(best, HeldOut(None, None)), held).uneven
+    assert weighed(alone, Choice(best, HeldOut(None, None)), held).uneven
 
 
 def test_what_is_left_as_evenly_is_not_said_to_go_with_the_motion() -> None:
