@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.tracing import thresholds
 from ident.tracing.belief.derivatives import Wreck, wrecked
+from ident.tracing.belief.static_totals import told_totals
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.diagnosis import Caution, Concern, Quantity
@@ -71,7 +72,10 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
 
 def why_no_set(root: FittedModel, best: FittedModel) -> list[Caution]:
     """Cautions where a set of effects ruins derivatives that the declared model alone had."""
-    return [Caution(Concern.DERIVATIVES, f"with {' and '.join(best.names)} {_told(wreck)}") for wreck in wrecked(root, best)]
+    wrecks = wrecked(root, best)
+    kept = told_totals(best, [wreck.name for wreck in wrecks])
+    out = [Caution(Concern.DERIVATIVES, f"with {' and '.join(best.names)} {_told(wreck)}") for wreck in wrecks]
+    return [*out, *([Caution(Concern.DERIVATIVES, f"what does not change with it: {kept}")] if kept else [])]
 
 
 def sampling_interval(fitted: FittedModel) -> float:

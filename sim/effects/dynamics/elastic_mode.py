@@ -20,6 +20,15 @@ SLOWEST = 4.0  # rad/s, below which no structure bends
 FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
+# eta = control + angle_gain alpha.
+AT_REST: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        **{"Cm_de": ("moment",), "Cm_alpha": ("moment", "angle_gain"), "CL_de": ("lift",), "CL_alpha": ("lift", "angle_gain")},
+        **{"M_delta": ("moment",), "M_alpha": ("moment", "angle_gain")},
+    }
+)
+
+
 @dataclass(frozen=True)
 class ElasticMode:
     """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and what it adds.
@@ -74,6 +83,7 @@ class ElasticMode:
             short_name="bending structure",
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.3)},
             oscillates=("frequency",),
+            static_parts=AT_REST,
         )
 
     @property
