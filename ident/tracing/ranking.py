@@ -15,7 +15,7 @@ from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
 from ident.tracing.selection.near_aliases import equivalent_sets, near_aliases
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, predicted_by
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, predicted_by
 from ident.tracing.weighed import ComparedSet
 from sim.declaration.proposal import Refinable
 
@@ -93,8 +93,8 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     ledger, compared, outdone = _outdone_by_guard(ledger, compared, compared[leading][0], held)
     if outdone is not None:
         return ledger, Choice(*outdone)
-    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()} | dict(totals)
-    misfits = {key: 2.0 * fitted.fit.cost + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    totals = {key: fitted.criterion + charged_cost(fitted, fits, held) for key, (fitted, fits) in compared.items()} | dict(totals)
+    misfits = {key: 2.0 * fitted.fit.cost + charged_cost(fitted, fits, held) for key, (fitted, fits) in compared.items()}
     chosen, fits = compared[leading]
     if not held.choosing and chosen is not best:
         fits = predicted_by(chosen, held)
@@ -107,7 +107,7 @@ def _leading(compared: Compared, held: HeldOutData) -> tuple[Key, Mapping[Key, f
     By the plain criterion: unevenness of the noise is a bar against chance, no measure of one cause against another.
     """
     models = {key: fitted for key, (fitted, _) in compared.items()}
-    totals = told_by_declared({key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}, models)
+    totals = told_by_declared({key: fitted.criterion + charged_cost(fitted, fits, held) for key, (fitted, fits) in compared.items()}, models)
     return _likelier_cause(models, totals), totals
 
 
@@ -124,7 +124,7 @@ def _outdone_by_guard(
     rivals = [m for key, m in ledger.models.items() if m.guards and len(key) == len(mine) and len(key - mine) == 1 and key not in compared]
     near = [m for m in rivals if m.criterion - best.criterion < ledger.problem.settings.near]
     ledger, compared = _with(ledger, compared, sorted(near, key=lambda m: m.criterion)[: thresholds.GUARDS_COMPARED], held)
-    totals = {key: fitted.criterion + _cost(fits, held) for key, (fitted, fits) in compared.items()}
+    totals = {key: fitted.criterion + charged_cost(fitted, fits, held) for key, (fitted, fits) in compared.items()}
     guards = [key for key in compared if key & ledger.problem.guards]
     first = min(guards, key=lambda key: totals[key], default=mine)
     won = first != mine and totals[first] < totals[mine] - thresholds.GUARD_TIE
@@ -238,13 +238,6 @@ def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[F
         and (not key & ledger.problem.guards or are_equivalent(best, mine - key, key - mine))
     ]
     return sorted(others, key=lambda fitted: fitted.criterion)[:most]
-
-
-def _cost(out: HeldOut, held: HeldOutData) -> float:
-    """Twice the cost on data that take part in choosing; infinite where a set cannot be fitted there."""
-    if not held.choosing:
-        return 0.0
-    return 2.0 * out.informed.cost if out.informed is not None else float("inf")
 
 
 def _one_sensor(best: FittedModel, gone: Key, come: Key) -> bool:

@@ -88,6 +88,19 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
 
 
+def charged_cost(fitted: FittedModel, out: HeldOut, held: HeldOutData) -> float:
+    """Twice the cost on data that take part in choosing, and the price of what each of their records has for itself; zero where none do.
+
+    Infinite where the set cannot be fitted there.
+    """
+    if not held.choosing:
+        return 0.0
+    if out.informed is None:
+        return float("inf")
+    own = sum(len(local_names(effect)) for effect in fitted.foreground)
+    return 2.0 * out.informed.cost + len(held.records) * own * float(np.log(out.informed.counts.sum()))
+
+
 def with_event(fitted: FittedModel, record: Record, mask: np.ndarray, event: Traceable, most: int = 2) -> Fit | None:
     """A fitted model, frozen, on a record that was not fitted, with an event that is looked for there; None where none comes out better.
 

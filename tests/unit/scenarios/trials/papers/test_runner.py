@@ -14,7 +14,7 @@ from scenarios.trials.papers.examination import examine, write_paper
 from sim.errors import RecordError
 from tests.diagnoses import tracing_of
 
-KEYS = {"seed", "model", "aircraft", "rate", "channels", "group", "hidden", "values", "verdict", "claims", "right", "wrong", "said"}
+KEYS = {"statements", "seed", "model", "aircraft", "rate", "channels", "group", "hidden", "values", "verdict", "claims", "right", "wrong", "said"}
 
 
 @pytest.fixture
