@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.belief.evenness import is_uneven
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.ranking import Choice
 from ident.tracing.selection.ledger import Key, Ledger
 from ident.tracing.validation.held_out import HeldOutData, predicted_by
@@ -17,8 +17,29 @@ from sim.declaration.effect import NoiseEffect
 
 
 def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
-    """The choice with all that it was compared with, and whether what its process noise stands for goes with the motion."""
-    return replace(choice, sets=sets_compared(ledger, choice), uneven=_goes_with_motion(ledger, choice.best, held))
+    """The choice with all that it was compared with, whether what its process noise stands for goes with the motion, and its idle effects."""
+    sets, uneven = sets_compared(ledger, choice), _goes_with_motion(ledger, choice.best, held)
+    return replace(choice, sets=sets, uneven=uneven, idle=_idle(ledger, choice, held))
+
+
+def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
+    """Names of effects that all records share and without which a free simulation of data that were not fitted is better.
+
+    Asked of sets of several: of one alone the verdict asks it.
+    """
+    best, out = choice.best, choice.out.frozen
+    if out is None or len(best.effects) < 2 or best.guards or has_process_noise(best.system):
+        return ()
+    found = []
+    for effect in best.foreground:
+        rest = tuple(other for other in best.effects if other is not effect)
+        if belongs_to_record(effect):
+            continue
+        plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
+        frozen = predicted_by(plain, held, informed=False).frozen if plain is not None else None
+        if frozen is not None and frozen.cost < out.cost:
+            found.append(effect.name)
+    return tuple(found)
 
 
 def _goes_with_motion(ledger: Ledger, best: FittedModel, held: HeldOutData) -> bool:

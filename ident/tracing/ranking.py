@@ -28,7 +28,7 @@ class Choice:
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
-    others that the search passed. ``uneven`` : what its process noise stands for goes with the motion.
+    others that the search passed. ``uneven`` : what its process noise stands for goes with the motion. ``idle`` : names of effects that predict nothing.
     """
 
     best: FittedModel
@@ -37,6 +37,7 @@ class Choice:
     misfits: Mapping[Key, float] = field(default_factory=dict)
     sets: tuple[ComparedSet, ...] = ()
     uneven: bool = False
+    idle: tuple[str, ...] = ()
 
 
 def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:

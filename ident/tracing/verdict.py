@@ -114,6 +114,9 @@ def verdict_on(
         return Verdict.UNEXPLAINED, [Caution(Concern.GUARD, told), *left]
     if left:
         return Verdict.UNEXPLAINED, left
+    if choice.idle:
+        told = f"data that were not fitted are predicted better without {' and '.join(choice.idle)}"
+        return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, told)]
     if choice.uneven:
         told = "what fits best is turbulence, but what it would explain comes and goes with the motion: the cause is another"
         return Verdict.UNEXPLAINED, [Caution(Concern.GOES_WITH_MOTION, told)]
