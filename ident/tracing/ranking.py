@@ -28,7 +28,7 @@ class Choice:
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
-    others that the search passed. ``uneven`` : what its process noise stands for goes with the motion. ``idle`` : names of effects that predict nothing.
+    others that the search passed. ``uneven`` : its process noise stands for what goes with the motion. ``idle`` : names that predict nothing.
     """
 
     best: FittedModel

@@ -102,8 +102,8 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
         copies = replicate(flight, child, finding.effect)
         stands, why = _judged(lowered, copies)
     few = recordings(flight.records) < thresholds.FEWEST_RECORDS
-    if stands and few and (len(asked) < len(flight.records) or min(map(_share, *pairs)) < thresholds.MOST_OF_IT):
-        stands, why = False, "with two records it has to explain three quarters of what each leaves"
+    if stands and few and (len(asked) < len(flight.records) or not _explains_most(*pairs)):
+        stands, why = False, "with two records it has to explain three quarters of what they leave, and half of what each does"
     if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
@@ -115,8 +115,10 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
     return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
 
 
-def _share(before: Fit, after: Fit) -> float:
-    return explained_share([before], [after])
+def _explains_most(before: Sequence[Fit], after: Sequence[Fit]) -> bool:
+    """Whether most of what could be explained of two records is, and half of each."""
+    each = [explained_share([one], [two]) for one, two in zip(before, after, strict=True)]
+    return explained_share(before, after) >= thresholds.MOST_OF_IT and min(each) >= thresholds.HALF_OF_IT
 
 
 def _worth(flight: Flight, child: FittedModel, effect: Traceable, lowered: Reduction) -> float:

@@ -75,13 +75,13 @@ def test_with_two_records_an_effect_has_to_explain_most_of_what_each_leaves(late
     for share, expected in ((thresholds.MOST_OF_IT + 0.01, True), (thresholds.MOST_OF_IT - 0.01, False)):
         monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after, share=share: share)
         found = weighed(two, LATE)
-        assert found.stands is expected and ("of what each leaves" in found.why) is not expected
+        assert found.stands is expected and ("of what they leave" in found.why) is not expected
     assert weighed(late, LATE).stands, "three records are asked for replication alone"
 
 
-def test_it_has_to_be_most_of_each_record_not_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_has_to_be_half_of_each_record_not_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     two = flown(LATE, [DELAYED] * 2, 0.3)
-    shares = iter((0.99, thresholds.MOST_OF_IT - 0.1))
+    shares = iter((0.99, thresholds.HALF_OF_IT - 0.1, 0.9))
     monkeypatch.setattr("ident.tracing.replication.weighing.explained_share", lambda before, after: next(shares))
     assert not weighed(two, LATE).stands
 
