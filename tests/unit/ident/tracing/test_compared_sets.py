@@ -138,3 +138,22 @@ def test_process_noise_that_stands_for_what_goes_with_the_motion_is_no_turbulenc
 def test_what_is_left_as_evenly_is_not_said_to_go_with_the_motion() -> None:
     ledger, best, held = turbulent(*(flown(SCALE, {"sensor-scale:q.scale": 1.0}, seed) for seed in (3, 4)))
     assert not weighed(ledger, Choice(best, HeldOut(None, None)), held).uneven
+
+
+def test_an_effect_without_which_other_data_are_predicted_better_is_idle_and_what_acts_is_not() -> None:
+    """A late pitch rate in both records; a scale of nz in the fitted one alone, which bends what it says of the other."""
+    late, scale = {"sensor-lag:q.time_constant": 0.06}, {"sensor-scale:nz.scale": 1.2}
+    record = planted([SensorLag("q"), SensorScale("nz")], late | scale, 1)
+    problem = problem_of([record], (SensorLag("q"), SensorScale("nz")))
+    root = fit_of(problem)
+    best = fit_of(problem, (SensorLag("q"), SensorScale("nz")), root, late | scale)
+    ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
+    for values, idle in ((late, ("sensor-scale:nz",)), (late | scale, ())):
+        other = planted([SensorLag("q"), SensorScale("nz")], {"sensor-scale:nz.scale": 1.0} | values, 2)
+        held = HeldOutData([other], measured_masks([other], OUTPUTS), held_out(root, [other], None), choosing=True)
+        choice = weighed(ledger, Choice(best, held_out(best, [other], held.masks)), held)
+        assert choice.idle == idle
+        if idle:
+            verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), held)
+            assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.NO_IMPROVEMENT]
+            assert "sensor-scale:nz" in cautions[0].sentence
