@@ -23,6 +23,7 @@ from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
 from tests.rate_in_alpha import RateInAlpha
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, doublets, fit_of, planted, problem_of
@@ -141,19 +142,19 @@ def test_what_is_left_as_evenly_is_not_said_to_go_with_the_motion() -> None:
 
 
 def test_an_effect_without_which_other_data_are_predicted_better_is_idle_and_what_acts_is_not() -> None:
-    """A late pitch rate in both records; a scale of nz in the fitted one alone, which bends what it says of the other."""
-    late, scale = {"sensor-lag:q.time_constant": 0.06}, {"sensor-scale:nz.scale": 1.2}
-    record = planted([SensorLag("q"), SensorScale("nz")], late | scale, 1)
-    problem = problem_of([record], (SensorLag("q"), SensorScale("nz")))
+    """A late pitch rate in both records; a vane ahead in the fitted one alone."""
+    late, ahead = {"sensor-lag:q.time_constant": 0.06}, {"vane-offset.arm": 12.0}
+    effects = (SensorLag("q"), VaneOffset())
+    problem = problem_of([planted(effects, late | ahead, 1)], effects)
     root = fit_of(problem)
-    best = fit_of(problem, (SensorLag("q"), SensorScale("nz")), root, late | scale)
+    best = fit_of(problem, effects, root, late | ahead)
     ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
-    for values, idle in ((late, ("sensor-scale:nz",)), (late | scale, ())):
-        other = planted([SensorLag("q"), SensorScale("nz")], {"sensor-scale:nz.scale": 1.0} | values, 2)
+    for arm, idle in ((0.0, ("vane-offset",)), (12.0, ())):
+        other = planted(effects, late | {"vane-offset.arm": arm}, 2)
         held = HeldOutData([other], measured_masks([other], OUTPUTS), held_out(root, [other], None), choosing=True)
         choice = weighed(ledger, Choice(best, held_out(best, [other], held.masks)), held)
         assert choice.idle == idle
         if idle:
             verdict, cautions = verdict_on(problem, root, choice, [], ResidualTests(()), held)
             assert verdict is Verdict.UNEXPLAINED and [caution.concern for caution in cautions] == [Concern.NO_IMPROVEMENT]
-            assert "sensor-scale:nz" in cautions[0].sentence
+            assert "vane-offset" in cautions[0].sentence
