@@ -65,6 +65,7 @@ HALF_OF_IT = 0.5  # chosen: what does not bring half of that on the fitted recor
 MOST_OF_IT = 0.75  # of what two records leave. Simulated papers: with less, what is half of the truth was claimed for what was neither
 CHANNEL_WORSE = 0.05  # chosen: rise of one channel's error that is tolerated, or half of what is gained in the mean; beyond twice its scatter
 STRONG_WITNESS = 10.0  # log likelihood. chosen: twice what an addition has to bring, since the same samples speak
+EVENTS_FITTED = 3  # to each record left out. chosen, for time
 LONE_EVENT = 30.0  # log likelihood. Simulation: the best of all events in 5 records of which none has one, coloured by what no effect names
 STANDS_ALONE = 3.0  # chosen: what a wrong model has left differs less from record to record
 NO_PREFERENCE = 0.04  # chosen: no one would prefer one cause to another for four per cent of the error

@@ -35,7 +35,7 @@ def event_that_stands(
     events = [item for item in candidates if is_event(item) and not item.traits.guard and item.name not in fitted.names]
     found = screen(fitted, events, search_context(fitted)) if before is not None else []
     best = found[0].gain if found else 0.0
-    usable = [item for item in found if item.gain > max(flight.settings.accept, thresholds.HOPELESS_IN_SEARCH * best)]
+    usable = [item for item in found if item.gain > max(flight.settings.accept, thresholds.RIVAL * best)][: thresholds.EVENTS_FITTED]
     if before is None or not usable or recordings(flight.records) < thresholds.FEWEST_RECORDS:
         return None, []
     trained = [trained_without(flight, fitted, r) for r in range(len(flight.records))]
