@@ -48,10 +48,10 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Rounds that went astray leave means for what has not been tried.
-            ledger = ledger.renewed(thresholds.LEFT_FOR_PAIRS)
             # Where nothing comes near noise in any of several records, pairs are cross-validated.
-            asked = len(ledger.problem.records) == 1 or not defies(base, beam)
-            ledger, pairs = pairs_at_once(ledger, base) if asked else (ledger, [])
+            pairs: Beam = []
+            if len(ledger.problem.records) == 1 or not defies(base, beam):
+                ledger, pairs = pairs_at_once(ledger.renewed(thresholds.LEFT_FOR_PAIRS), base)
             ledger, beam = _freer_forms(ledger, _best(ledger, [*beam, *pairs]))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
