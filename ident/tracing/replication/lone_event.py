@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, is_event, local_names
+from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, local_names
 from ident.tracing.candidate_model.quantities import sigmas_from_absence
 from ident.tracing.replication.by_record import Flight, Replication, by_record, recordings
 from ident.tracing.replication.coloured_null import coloured_gain
@@ -32,7 +32,8 @@ def event_that_stands(
 ) -> tuple[CrossValidatedEffect | None, list[CrossValidation]]:
     """An event of one of the first ``most`` records that stands beside what is in a set fitted to all records, and all that was tried."""
     before = left_out(flight, fitted)
-    events = [item for item in candidates if is_event(item) and not item.traits.guard and item.name not in fitted.names]
+    # One that passes: what changes for good takes in whatever is wrong with the model in the rest of a record.
+    events = [item for item in candidates if item.traits.lasts and not item.traits.guard and item.name not in fitted.names]
     found = screen(fitted, events, search_context(fitted)) if before is not None else []
     best = found[0].gain if found else 0.0
     usable = [item for item in found if item.gain > max(flight.settings.accept, thresholds.RIVAL * best)][: thresholds.EVENTS_FITTED]
