@@ -36,15 +36,15 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         return ledger, judgement
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
-    if partial is not None and partial.events_alone:
-        # Rough air is made of events: one of them is claimed where the rest is quiet.
-        ledger, rough = in_rough_air(ledger, found, judgement)
-        if rough.verdict is Verdict.PARTIAL:
-            return ledger, rough
-    if partial is not None and not predicts_no_better(found.held, partial):
-        return judged_again(ledger, found, partial)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.
-    return in_rough_air(ledger, found, judgement)
+    standing = None if partial is None or predicts_no_better(found.held, partial) else partial
+    if standing is not None and not standing.events_alone:
+        return judged_again(ledger, found, standing)
+    # Rough air is made of events: one of them is claimed where the rest is quiet.
+    ledger, rough = in_rough_air(ledger, found, judgement)
+    if standing is None or rough.verdict is Verdict.PARTIAL:
+        return ledger, rough
+    return judged_again(ledger, found, standing)
 
 
 def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
@@ -76,7 +76,7 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
 
 def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
     """Unexplained where something that is not named is likelier than a claim with its alternatives; the claims are hints then."""
-    names = unlikely(judgement.claims, {item.name: item.traits.twins for item in problem.candidates})
+    names = unlikely(judgement.claims, problem.twins)
     if not names:
         return judgement
     told = f"what fits best is {' and '.join(names)}, but something that is not named is likelier"

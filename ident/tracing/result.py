@@ -91,7 +91,7 @@ def reported(
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
     under = _derivatives(problem, best, inflation, form_spread(problem, best))
-    claims = with_probabilities(judgement.claims, {item.name: item.traits.twins for item in problem.candidates})
+    claims = with_probabilities(judgement.claims, problem.twins)
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation) for claim in claims),

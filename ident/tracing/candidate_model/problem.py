@@ -46,6 +46,11 @@ class TraceProblem:
         return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
 
     @property
+    def twins(self) -> Mapping[str, tuple[str, ...]]:
+        """By name of a candidate, other descriptions of the same fault."""
+        return {candidate.name: candidate.traits.twins for candidate in self.candidates}
+
+    @property
     def data(self) -> FitData:
         """What sets are fitted to."""
         return FitData(self.records, self.masks, self.model, self.outputs)
