@@ -10,14 +10,13 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.derivatives import wild
 from ident.tracing.belief.standing import why_not
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, acts_all_along
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import misfit_to_declared
 from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger, fit
-from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Curve, Traceable
 
 
@@ -113,6 +112,4 @@ def _stands(fitted: FittedModel, effect: Traceable) -> bool:
 
 def _is_steady(effect: Traceable) -> bool:
     """Whether an effect acts all along and alike in all records: no event, no drift, no curve, no noise, no guard."""
-    traits = effect.traits
-    passing = belongs_to_record(effect) or is_event(effect) or isinstance(effect, (NoiseEffect, Curve))
-    return not (passing or traits.guard or traits.background or traits.wrong_samples_of)
+    return acts_all_along(effect) and not isinstance(effect, Curve) and not effect.traits.wrong_samples_of

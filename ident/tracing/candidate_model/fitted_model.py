@@ -13,7 +13,7 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, full_name
+from sim.declaration.effect import Effect, NoiseEffect, full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable, Underdetermined
 from sim.declaration.system import System
@@ -124,6 +124,12 @@ def added_parameters(effect: Traceable, records: int) -> int:
 def is_event(effect: Traceable) -> bool:
     """Whether an effect's position was searched for over the record."""
     return bool(effect.traits.onset)
+
+
+def acts_all_along(effect: Traceable) -> bool:
+    """Whether an effect of the library acts throughout and alike in all records: no event, nothing of one record, no noise, no background."""
+    passing = belongs_to_record(effect) or is_event(effect) or isinstance(effect, NoiseEffect)
+    return not (passing or effect.traits.guard or effect.traits.background)
 
 
 def free_names(effect: Effect) -> list[str]:

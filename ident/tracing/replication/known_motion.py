@@ -25,8 +25,10 @@ def motion_that_stands(
     ``candidates`` : those that could stand in its place are taken from them.
     """
     known = base.effects
+    if not known:
+        return None, []
     plain = flight.fit((), range(len(flight.records)), None, {n: v for n, v in base.values.shared.items() if n in flight.model.parameters})
-    before = left_out(flight, plain) if known and plain is not None else None
+    before = left_out(flight, plain) if plain is not None else None
     if plain is None or before is None:
         return None, []
     # A drift of the derivatives is what a speed that changes does: no guard against it.

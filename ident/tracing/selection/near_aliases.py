@@ -6,8 +6,6 @@ them has to be put to the data that were not fitted.
 
 from __future__ import annotations
 
-import numpy as np
-
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
@@ -64,9 +62,11 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
             continue
         ledger, child = best_fit(ledger, base, finding, 1)
         ledger, child = _freely(ledger, child, best, finding.effect)
+        if child is None:
+            continue
+        behind = 2.0 * (child.fit.cost - best.fit.cost)
         # An event has many parameters and a place: what acts all along may fit worse by what those cost.
-        behind = child.criterion - best.criterion if child is not None and is_event(effect) else 0.0
-        if child is None or min(2.0 * (child.fit.cost - best.fit.cost), behind or np.inf) > within:
+        if (min(behind, child.criterion - best.criterion) if is_event(effect) else behind) > within:
             continue
         ledger = ledger.kept(child, ledger.score(best) + child.criterion - best.criterion)
         sentence = f"{finding.effect.name} in the place of {effect.name} fits nearly as well"

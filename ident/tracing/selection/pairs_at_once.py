@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, acts_all_along
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.pairs import likely_pairs
@@ -12,14 +12,13 @@ from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import only_beside_another
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.near_aliases import near_aliases
-from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
 
 def pairs_at_once(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[FittedModel]]:
     """Sets of two steady effects more than ``base`` that their projections promise to explain most together, and that the search has not fitted."""
     settings, problem = ledger.problem.settings, ledger.problem
-    candidates = [candidate for candidate in problem.candidates if _is_steady(candidate) and candidate.name not in base.names]
+    candidates = [candidate for candidate in problem.candidates if _can_pair(candidate) and candidate.name not in base.names]
     findings = screen(base, candidates, search_context(base, problem.predicted))
     found: list[FittedModel] = []
     for one, other in likely_pairs(findings, (), float(base.fit.counts.sum()), thresholds.PAIRS_AT_ONCE):
@@ -41,6 +40,5 @@ def pairs_at_once(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[Fitte
     return ledger, found
 
 
-def _is_steady(effect: Traceable) -> bool:
-    passing = belongs_to_record(effect) or is_event(effect) or isinstance(effect, NoiseEffect) or only_beside_another(effect)
-    return not (passing or effect.traits.guard or effect.traits.background)
+def _can_pair(effect: Traceable) -> bool:
+    return acts_all_along(effect) and not only_beside_another(effect)
