@@ -49,7 +49,11 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
 
 def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
     """Effects that replicate; where data that were not fitted take part in choosing, none that predict these no better."""
-    ledger, partial = cross_validated(ledger, base, held)
+    return helpful(held, *cross_validated(ledger, base, held))
+
+
+def helpful(held: HeldOutData, ledger: Ledger, partial: Partial | None) -> tuple[Ledger, Partial | None]:
+    """What replicates; None where data that were not fitted take part in choosing, and it predicts these no better."""
     return ledger, None if partial is None or (held.choosing and predicts_no_better(held, partial)) else partial
 
 

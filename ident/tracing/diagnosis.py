@@ -73,9 +73,11 @@ class Quantity:
 class Witness(Protocol):
     """What speaks of effects by other means than the model: of an effect's name and local parameters.
 
-    Called, it says 1 for the effect, -1 against it, 0 not at all; ``evidence`` is the log likelihood by which it does.
+    Called, it says 1 for the effect, -1 against it, 0 not at all; ``evidence`` is the log likelihood by which it does. ``prepare`` tells it
+    that it is likely to be asked.
     """
 
+    def prepare(self) -> None: ...
     def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int: ...
     def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float: ...
 
@@ -224,6 +226,9 @@ class Diagnosis:
 
 class Silent:
     """A witness that says nothing."""
+
+    def prepare(self) -> None:
+        """Nothing takes time."""
 
     def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
         return 0

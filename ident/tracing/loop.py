@@ -11,15 +11,17 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
-from ident.tracing.claims_beside_noise import replicating, what_replicates, without_unlikely
+from ident.tracing.claims_beside_noise import helpful, replicating, what_replicates, without_unlikely
 from ident.tracing.compared_sets import weighed
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness, silent
 from ident.tracing.found import Declared, Found
 from ident.tracing.ranking import believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
+from ident.tracing.replication.partial import on_other_samples
 from ident.tracing.result import Before, Outcome, reported
 from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined
+from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.forward import defies, first_round, forward_selection
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
@@ -126,6 +128,8 @@ def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutDa
 def search(declared: Declared, held: HeldOutData) -> Found:
     """Forward selection and backward elimination; cross-validation before them where no single effect comes anywhere near noise."""
     root = declared.root
+    if not is_white(root):
+        declared.ledger.problem.witness.prepare()
     ledger, first = first_round(declared.ledger, root)
     base = root if first and not first[0].background else with_known_background(ledger, root)
     # What all records share has to be cross-validated like any other effect: only what belongs to each is taken as it is.
@@ -157,7 +161,9 @@ def with_final_masks(found: Found) -> Found:
     base = fresh.models.get(frozenset(found.base.names), root)
     held = held_out_data(Declared(fresh, root, told.spikes), problem.predicted)
     if found.partial is not None:
-        fresh, partial = replicating(fresh, base, held)
+        changed = sum(np.count_nonzero(a != b) for a, b in zip(masks, problem.masks, strict=True)) / sum(mask.size for mask in masks)
+        few = changed < thresholds.FEW_OTHER_SAMPLES
+        fresh, partial = helpful(held, *on_other_samples(fresh, base, held, found.partial.validated)) if few else replicating(fresh, base, held)
     return replace(told, ledger=fresh, root=root, base=base, best=best if partial is None else partial.fitted, held=held, partial=partial)
 
 

@@ -15,7 +15,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.selection.form_spread import form_spread
@@ -90,7 +90,9 @@ def reported(
         for r, record in enumerate(shown)
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
-    under = _derivatives(problem, best, inflation, form_spread(problem, best))
+    # Where nothing is claimed the form of a hint is not worth a fit.
+    spread = form_spread(problem, best) if judgement.verdict is not Verdict.UNEXPLAINED else {}
+    under = _derivatives(problem, best, inflation, spread)
     claims = with_probabilities(judgement.claims, problem.twins)
     return Diagnosis(
         verdict=judgement.verdict,

@@ -73,6 +73,7 @@ BEYOND_ITS_SCATTER = 2.0  # theorem: two standard deviations, one in forty by ch
 SAME_TRACE_SCATTER = 3.0  # standard deviations. chosen: of effects with one signature the data need more to prefer one
 BLOCK = 1.5  # s. chosen: the residual of a short-period model hardly remembers itself beyond it
 BEYOND_RANGE = 0.1  # of a curve's range. chosen: a curve is not judged where one record alone flew further
+FEW_OTHER_SAMPLES = 0.01  # of all, set aside since. chosen: what replicates is not looked for again, only fitted and judged without them
 DEEPEST = 2  # chosen: effects named where what remains is not noise; a third would rest on what two others left
 WHOLE_REFIT_UP_TO = 3  # records. chosen: with more, one Gauss-Newton step from the common fit is near enough (a test compares them)
 

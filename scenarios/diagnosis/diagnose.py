@@ -129,19 +129,21 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     posed = _posed(opened, request.plan)
     own, of_effects = _own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
-    witness = _witness(opened, posed, request.plan)
     overflows = Overflows()
     run = overflows.counted(trace or _loop())
     guards = guards_for(posed.model.equations)
-    diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
-    part = moves_between_samples(diagnosis, candidates, posed.records)
-    if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
-        linear = _posed(opened, replace(request.plan, hold=Hold.LINEAR))
-        again = run(linear.records, linear.model, candidates, guards, linear.predicted, settings, progress, witness)
-        if no_worse(again, diagnosis) if part else better(again, diagnosis):
-            posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
-        elif not part:
-            posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
+    with _witness(opened, posed, request.plan) as witness:
+        diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
+        part = moves_between_samples(diagnosis, candidates, posed.records)
+        if _may_read_again(opened, request.plan) and (part or tells_times(diagnosis, posed.records)):
+            linear = _posed(opened, replace(request.plan, hold=Hold.LINEAR))
+            again = run(linear.records, linear.model, candidates, guards, linear.predicted, settings, progress, witness)
+            if no_worse(again, diagnosis) if part else better(again, diagnosis):
+                posed, diagnosis = replace(linear, notes=read_again(linear.notes)), again
+            elif not part:
+                posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
+        # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
+        kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,
@@ -155,8 +157,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         {effect.name: effect.traits for effect in own},
         posed.notes,
         posed.doubts,
-        # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
-        witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None,
+        kinematics,
         posed.look,
         overflows.count,
         settings.effort,

@@ -9,6 +9,7 @@ from functools import cached_property
 
 from ident.compatibility.result import Compatibility
 from ident.tracing.diagnosis import Claim, Quantity
+from scenarios.diagnosis.alongside import Alongside
 from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, Kinematics, agreements, late_instead, worth_of
 
 _WORTH: Mapping[str, int] = {AGREES: 1, IN_KIND: 1, DIFFERS: 1, CONTRADICTS: -1}
@@ -34,8 +35,25 @@ class KinematicWitness:
     check: Callable[[], Kinematics] | None
 
     @cached_property
+    def _checking(self) -> Alongside[Kinematics] | None:
+        return Alongside(self.check) if self.check is not None else None
+
+    @cached_property
     def kinematics(self) -> Kinematics | None:
-        return self.check() if self.check is not None else None
+        return self._checking.result() if self._checking is not None else None
+
+    def prepare(self) -> None:
+        """It is going to be asked: the check begins, beside what else is done."""
+        if self._checking is not None and "kinematics" not in self.__dict__:
+            self._checking.begin()
+
+    def __enter__(self) -> KinematicWitness:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        """Nobody asks any more."""
+        if self._checking is not None:
+            self._checking.drop()
 
     def __call__(self, effect: str, parameters: Mapping[str, Quantity]) -> int:
         if self.kinematics is None or self.kinematics.result is None or shares_a_twin(effect, self.kinematics.result):

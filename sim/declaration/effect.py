@@ -9,7 +9,7 @@ Hooks are plain arithmetic that broadcasts over trailing batch axes and survives
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol, runtime_checkable
@@ -255,4 +255,6 @@ def in_order(effects: Sequence[Any]) -> list[Any]:
 
 def full_name(effect: Effect, local: str) -> str:
     """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2 is ``CL_eta2``."""
-    return effect.rename(local) if isinstance(effect, Renaming) else f"{effect.name}.{local}"
+    # Asked ten thousand times a search, where a test against the protocol costs ten times as much.
+    rename: Callable[[str], str] | None = getattr(effect, "rename", None)
+    return rename(local) if rename is not None else f"{effect.name}.{local}"

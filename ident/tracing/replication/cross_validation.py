@@ -69,6 +69,20 @@ def cross_validate(
     return [item for item in (known, *found, event) if item is not None], [*compared, *results]
 
 
+def with_events_again(
+    flight: Flight, candidates: Sequence[Traceable], base: FittedModel, validated: Sequence[CrossValidatedEffect], fitted_records: int
+) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
+    """Cross-validated effects with their event, which a few samples may make, looked for anew; and what was tried. Arguments: ``cross_validate``."""
+    steady = [item for item in validated if not is_event(item.best.effect)]
+    if len(steady) == len(validated):
+        return steady, []
+    added = [item.best.effect for item in steady if item.best.effect.name not in base.names]
+    starts = {name: value for item in steady for name, value in item.best.fitted.values.shared.items()}
+    everything = flight.fit((*base.effects, *added), range(len(flight.records)), None, {**_begun(base), **starts})
+    event, results = event_that_stands(flight, candidates, everything, fitted_records) if everything is not None else (None, [])
+    return [*steady, *([event] if event is not None else [])], results
+
+
 @dataclass(frozen=True, eq=False)
 class _Step:
     """All that was tried at a fitted model, and what was chosen; ``before`` the fitted model's own predictions by record."""

@@ -40,29 +40,35 @@ def event_that_stands(
     if before is None or not usable or recordings(flight.records) < thresholds.FEWEST_RECORDS:
         return None, []
     trained = [trained_without(flight, fitted, r) for r in range(len(flight.records))]
-    results = [item for finding in usable if (item := _weighed(flight, fitted, finding, before, trained, most)) is not None]
-    ordered = sorted(results, key=lambda item: -item.gain)
-    if not ordered or not ordered[0].stands:
+    shown = [(finding, gains) for finding in usable if (gains := _gains(flight, finding, before, trained))]
+    shown.sort(key=lambda item: -max(gain for gain, _ in item[1].values()))
+    results = [item for finding, gains in shown[:1] if (item := _weighed(flight, fitted, finding, before, gains, most)) is not None]
+    if not results or not results[0].stands:
         # One that brings most and does not stand alone says that none does.
         return None, results
+    results += [item for finding, gains in shown[1:] if (item := _weighed(flight, fitted, finding, before, gains, most)) is not None]
+    ordered = sorted(results, key=lambda item: -item.gain)
     first, standing = ordered[0], [item for item in ordered if item.stands]
     alike = [item for item in standing[1:] if 2.0 * (first.gain - item.gain) < thresholds.ALTERNATIVE]
     sets = tuple(ComparedSet((item.effect.name,), 2.0 * (first.gain - item.gain)) for item in standing)
     return CrossValidatedEffect(first, tuple(alike), sets), results
 
 
-def _weighed(
-    flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit], trained: Sequence[FittedModel | None], most: int
-) -> CrossValidation | None:
-    """An event tried on each record left out: it stands where one record shows it and no other anything like it."""
+def _gains(flight: Flight, finding: Finding, before: Mapping[int, Fit], trained: Sequence[FittedModel | None]) -> dict[int, tuple[float, Fit]]:
+    """What an event brings on each record left out, its price paid, with the fit there; those on which none comes out are left out."""
     gains: dict[int, tuple[float, Fit]] = {}
     for r, model in enumerate(trained):
         fit = with_event(model, flight.records[r], flight.masks[r], finding.effect) if model is not None else None
         if fit is not None:
             price = 0.5 * (len(free_names(finding.effect)) * np.log(float(fit.counts.sum())) + flight.settings.event)
             gains[r] = float(coloured_gain([before[r]], [fit]) - price), fit
-    if not gains:
-        return None
+    return gains
+
+
+def _weighed(
+    flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit], gains: Mapping[int, tuple[float, Fit]], most: int
+) -> CrossValidation | None:
+    """An event by what it brings on each record left out: it stands where one shows it and no other anything like it."""
     where = max(gains, key=lambda r: gains[r][0])
     gain, after = gains[where]
     rest = max((value for r, (value, _) in gains.items() if r != where), default=0.0)

@@ -16,12 +16,20 @@ from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.equivalents import same_by_value
 from ident.tracing.replication.by_record import choosing_records, most_telling, own_quantities, recordings
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
-from ident.tracing.replication.cross_validation import cross_validate
+from ident.tracing.replication.cross_validation import cross_validate, with_events_again
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.weighed import Ground, Weighed
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.proposal import Traceable
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """Effects that replicate, and all that were tried."""
+
+    chosen: Sequence[CrossValidatedEffect]
+    compared: Sequence[CrossValidation]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +39,7 @@ class Partial:
     claims: tuple[Claim, ...]
     fitted: FittedModel
     out: HeldOut
+    validated: Validated
     events_alone: bool = False
 
 
@@ -41,8 +50,13 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     if held.masks is None or has_process_noise(base.system) or recordings(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
-    chosen, compared = cross_validate(flight, problem.candidates, base, len(problem.records))
-    ledger, chosen, fitted = _as_printed(ledger, base, chosen)
+    return as_partial(ledger, base, held, Validated(*cross_validate(flight, problem.candidates, base, len(problem.records))))
+
+
+def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: Validated) -> tuple[Ledger, Partial | None]:
+    """What was cross-validated, fitted to the training records and judged as it is printed; None where nothing of it stands."""
+    compared = validated.compared
+    ledger, chosen, fitted = _as_printed(ledger, base, validated.chosen)
     if fitted is None:
         return ledger.told(evidence=[_candidate(item, chosen=False) for item in compared]), None
     ledger = ledger.kept(fitted, fitted.criterion)
@@ -53,7 +67,17 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
     said = {item.best.effect.name for item in chosen}
     claims = (*(_of_background(fitted, effect) for effect in base.effects if effect.name not in said), *(_claim(fitted, item) for item in chosen))
-    return ledger, Partial(claims, fitted, predicted_by(fitted, held), all(is_event(item.best.effect) for item in chosen))
+    events_alone = all(is_event(item.best.effect) for item in chosen)
+    return ledger, Partial(claims, fitted, predicted_by(fitted, held), validated, events_alone)
+
+
+def on_other_samples(ledger: Ledger, base: FittedModel, held: HeldOutData, before: Validated) -> tuple[Ledger, Partial | None]:
+    """What was cross-validated, on samples of which a few others are set aside: what acts throughout is only fitted and judged anew."""
+    flight = choosing_records(ledger.problem, held)
+    chosen, tried = with_events_again(flight, ledger.problem.candidates, base, before.chosen, len(ledger.problem.records))
+    if not chosen:
+        return ledger, None
+    return as_partial(ledger, base, held, Validated(chosen, [*(item for item in before.compared if not is_event(item.effect)), *tried]))
 
 
 def _as_printed(

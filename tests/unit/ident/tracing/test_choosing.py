@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate, Diagnosis, Verdict
 from ident.tracing.found import Declared, Found
@@ -156,7 +157,9 @@ def test_late_spikes_leave_no_model_of_other_samples(monkeypatch: pytest.MonkeyP
     assert np.flatnonzero(~diagnosis.fitted[0].used[1]).tolist() == at
 
 
-def test_after_late_spikes_what_replicates_is_asked_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("few", [True, False])
+def test_after_late_spikes_what_replicates_is_fitted_anew_and_asked_anew_where_they_are_many(monkeypatch: pytest.MonkeyPatch, few: bool) -> None:
+    monkeypatch.setattr(thresholds, "FEW_OTHER_SAMPLES", thresholds.FEW_OTHER_SAMPLES if few else 0.0)
     plain = [coloured(planted([LATE], DELAYED, seed), seed) for seed in (1, 2, 3, 4)]
     record, at = spiked(plain[0])
     records, validation = [record, *plain[1:3]], [plain[3]]
@@ -172,9 +175,11 @@ def test_after_late_spikes_what_replicates_is_asked_anew(monkeypatch: pytest.Mon
     assert found.partial is not None and found.asked and len(asked) == 1
     final = with_final_masks(found)
     assert np.flatnonzero(~final.ledger.problem.masks[0][1]).tolist() == at
-    assert len(asked) == 2 and asked[1][1] is final.partial
-    assert all(np.array_equal(a, b) for a, b in zip(asked[1][0].problem.masks, final.ledger.problem.masks, strict=True))
-    assert final.partial is not None and final.best is final.partial.fitted and final.best is not found.best
+    assert len(asked) == (1 if few else 2) and (few or asked[1][1] is final.partial)
+    assert few or all(np.array_equal(a, b) for a, b in zip(asked[1][0].problem.masks, final.ledger.problem.masks, strict=True))
+    assert final.partial is not None and [claim.name for claim in final.partial.claims] == [claim.name for claim in found.partial.claims]
+    assert any(item.held_out_change is not None for item in final.ledger.evidence)
+    assert final.best is final.partial.fitted and final.best is not found.best
     assert all(final.ledger.problem.holds(model) for model in (final.best, final.root, *final.ledger.models.values()))
 
 

@@ -1,0 +1,74 @@
+"""A computation beside this process: the same result, a failure that is no failure, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from scenarios.diagnosis.alongside import Alongside
+from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.diagnosis.witness import KinematicWitness
+
+forks = pytest.mark.skipif(not hasattr(os, "fork") or (os.cpu_count() or 1) < 2, reason="no fork, or one processor")
+
+
+@forks
+def test_a_result_comes_from_another_process() -> None:
+    beside = Alongside(os.getpid)
+    beside.begin()
+    beside.begin()
+    assert beside.result() != os.getpid()
+    assert beside.result() == os.getpid()  # taken once; what is asked again is computed here
+
+
+def test_what_was_never_begun_is_computed_here() -> None:
+    assert Alongside(os.getpid).result() == os.getpid()
+
+
+@forks
+def test_a_fork_that_fails_is_replaced(capfd: pytest.CaptureFixture[str]) -> None:
+    here = os.getpid()
+
+    def only_here() -> int:
+        if os.getpid() != here:
+            raise MemoryError
+        return 7
+
+    beside = Alongside(only_here)
+    beside.begin()
+    assert beside.result() == 7
+
+
+@forks
+def test_what_nobody_wants_is_ended() -> None:
+    beside = Alongside(lambda: time.sleep(60.0))
+    begun = time.monotonic()
+    beside.begin()
+    beside.drop()
+    assert time.monotonic() - begun < 30.0 and beside._pipe is None
+
+
+@forks
+def test_more_than_a_pipe_holds_comes_through() -> None:
+    beside = Alongside(lambda: bytes(5_000_000))
+    beside.begin()
+    assert len(beside.result()) == 5_000_000
+
+
+def test_a_witness_checks_once_whether_it_was_prepared_or_not() -> None:
+    asked = []
+
+    def check() -> Kinematics:
+        asked.append(os.getpid())
+        return Kinematics((), None, "no record")
+
+    for prepared in (False, True):
+        asked.clear()
+        with KinematicWitness(check) as witness:
+            if prepared:
+                witness.prepare()
+            assert witness("sensor-delay:alpha", {}) == 0
+            assert witness.kinematics is witness.kinematics and witness.kinematics is not None
+        assert len(asked) <= 1
