@@ -68,6 +68,7 @@ STRONG_WITNESS = 10.0  # log likelihood. chosen: twice what an addition has to b
 EVENTS_FITTED = 3  # to each record left out. chosen, for time
 LONE_EVENT = 30.0  # log likelihood. Simulation: the best of all events in 5 records of which none has one, coloured by what no effect names
 STANDS_ALONE = 3.0  # chosen: what a wrong model has left differs less from record to record
+BY_ONE_STEP = 30.0  # log likelihood. chosen, as ``LONE_EVENT``: one pair of effects in the place of another that does as well by the error
 NO_PREFERENCE = 0.04  # chosen: no one would prefer one cause to another for four per cent of the error
 BEYOND_ITS_SCATTER = 2.0  # theorem: two standard deviations, one in forty by chance
 SAME_TRACE_SCATTER = 3.0  # standard deviations. chosen: of effects with one signature the data need more to prefer one

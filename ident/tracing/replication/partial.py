@@ -50,7 +50,8 @@ def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tup
     if held.masks is None or has_process_noise(base.system) or recordings(flight.records) < 2:
         return ledger, None
     problem.progress("looking for what replicates", 0.92)
-    return as_partial(ledger, base, held, Validated(*cross_validate(flight, problem.candidates, base, len(problem.records))))
+    validated = cross_validate(flight, problem.candidates, base, len(problem.records), ledger.models.values())
+    return as_partial(ledger, base, held, Validated(*validated))
 
 
 def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: Validated) -> tuple[Ledger, Partial | None]:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from ident.tracing.candidate_model.fitted_model import FittedModel, Values
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.cross_validation import _promising, cross_validate
+from ident.tracing.replication.cross_validation import _at_base, cross_validate
+from ident.tracing.replication.comparison import CrossValidatedEffect
+from ident.tracing.replication.one_step import _in_full, _promising, weigh_all
+from ident.tracing.replication.pair_instead import pair_instead
 from ident.tracing.replication.weighing import within_reach, without_record
 from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import screen
 from ident.whole_record.output_error import fit_covariance
-from sim.declaration.proposal import fitted_to
+from sim.declaration.proposal import Traceable, fitted_to
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
@@ -84,5 +93,58 @@ def test_beside_a_phugoid_an_even_change_of_speed_is_not_tried() -> None:
     even, drift = SpeedVariation(weight=False), SensorDrift("nz", "g", 5e-3)
     values = {"speed-variation.rate": 6.0, "sensor-drift:nz.slope": 0.01}
     problem = problem_of([planted([even, drift], values, seed) for seed in (1, 2)])
-    tried = [{finding.effect.name for finding in _promising(fit_of(problem, known), [even, drift])} for known in ([], [Phugoid()])]
+    fits = [fit_of(problem, known) for known in ([], [Phugoid()])]
+    tried = [{finding.effect.name for finding in _promising(fit, screen(fit, [even, drift], search_context(fit)))} for fit in fits]
     assert even.name in tried[0] and tried[1] == {drift.name}
+
+
+def test_all_records_are_fitted_from_where_the_same_records_were_fitted_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From values alone a fit beside a phugoid may end in another optimum: trajectories are known, too."""
+    records = [planted([Phugoid()], {}, seed) for seed in (1, 2, 3)]
+    base = fit_of(problem_of(records), [Phugoid()])
+    asked: list[object] = []
+    fit = Flight.fit
+
+    def spy(self: Flight, effects: Sequence[Traceable], which: Sequence[int], start: Values | None, *more: Any) -> FittedModel | None:
+        asked.append(start)
+        return fit(self, effects, which, start, *more)
+
+    monkeypatch.setattr(Flight, "fit", spy)
+    same = _at_base(all_records(records), base)
+    assert same is not None and same.fit.cost == pytest.approx(base.fit.cost, abs=0.5) and asked[0] is not None
+    fewer = fit_of(problem_of(records[:2]), [Phugoid()])
+    more = _at_base(all_records(records), fewer)
+    assert more is not None and asked[1] is None and more.fit.cost == pytest.approx(base.fit.cost, abs=5.0)
+
+
+def test_what_a_fit_brings_goes_before_what_its_projection_promises() -> None:
+    flight = all_records([coloured(planted([LATE], {"sensor-delay:alpha.delay": 0.08}, seed), seed) for seed in (1, 2, 3)])
+    root = root_of(flight)
+    full = flight.fit((LATE,), range(3), root.values)
+    assert full is not None
+    projected = screen(root, [LATE, SCALED], search_context(root))
+    small = [replace(finding, gain=0.01 * finding.gain) for finding in projected]
+    told = {finding.effect.name: finding for finding in _in_full(small, root, [root, full])}
+    late, scaled = told[LATE.name], told[SCALED.name]
+    assert late.gain == root.fit.cost - full.fit.cost and late.starts[0] == {
+        "sensor-delay:alpha.delay": full.values.shared["sensor-delay:alpha.delay"]
+    }
+    assert scaled.gain == 0.01 * next(finding.gain for finding in projected if finding.effect.name == SCALED.name)
+    assert _in_full(small, full, [root, full]) == sorted(small, key=lambda finding: -finding.gain)  # fits at another set say nothing here
+
+
+def test_a_pair_may_begin_with_what_was_not_chosen_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No pair is proposed by projection here, and the first step is told that the lesser effect of two did best."""
+    values = {"sensor-scale:nz.scale": 1.35, "sensor-delay:q.delay": 0.04}
+    scale, late = SensorScale("nz"), SensorDelay("q")
+    flight = all_records([coloured(planted([scale, late], values, seed), seed) for seed in (1, 2, 3)])
+    root = root_of(flight)
+    first = weigh_all(flight, (scale, late), root)
+    assert first is not None and first.chosen is not None
+    monkeypatch.setattr("ident.tracing.replication.pair_instead.likely_pairs", lambda *of: [])
+    # As if another had been chosen that predicts no better than the declared model.
+    weak = CrossValidatedEffect(replace(first.chosen.best, gain=0.1, predictions=first.before), ())
+    begun = replace(first, results=[first.chosen.best], chosen=weak)
+    pair, tried = pair_instead(flight, (scale, late), begun, [weak])
+    assert pair is not None and {item.best.effect.name for item in pair} == {scale.name, late.name} and tried
+    assert pair_instead(flight, (scale, late), replace(begun, results=[weak.best]), [weak]) == (None, [])

@@ -1,0 +1,99 @@
+"""Two effects that hide each other, or that a third replaces: looked for together, and claimed only where each stands with the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
+from ident.tracing.replication.error_reduction import reduction
+from ident.tracing.replication.one_step import Tried, weigh_all
+from ident.tracing.replication.weighing import fitted_change
+from ident.tracing.screening.pairs import likely_pairs
+from ident.tracing.screening.score_test import Finding
+from sim.declaration.proposal import Traceable
+
+Pair = tuple[list[CrossValidatedEffect] | None, list[CrossValidation]]
+
+
+def pair_instead(flight: Flight, candidates: Sequence[Traceable], first: Tried, found: Sequence[CrossValidatedEffect]) -> Pair:
+    """Two effects in the place of what was ``found`` one after the other, None where that stays; and all that was tried.
+
+    ``first`` : the first step. The two do clearly better by the error, or no worse and clearly better with any colour allowed for.
+    """
+    names = [item.best.effect.name for item in found]
+    pairs = likely_pairs(first.findings, names, float(first.fitted.fit.counts.sum()))
+    children = [child for each in pairs if (child := _fit_pair(flight, first.fitted, each)) is not None]
+    best = min(children, key=lambda child: child.fit.cost, default=None)
+    compared: list[CrossValidation] = []
+    if best is None or not _promises(flight, first, best, found):
+        best, compared = _beside_the_rival(flight, candidates, first)
+    if best is None:
+        return None, compared
+    pair, tried = _validated(flight, candidates, first, best)
+    better = pair is not None and _better(flight, first, best, pair, found)
+    return (pair if better else None), [*compared, *tried]
+
+
+def _promises(flight: Flight, first: Tried, best: FittedModel, found: Sequence[CrossValidatedEffect]) -> bool:
+    """Whether a pair does better on the fitted records: what a witness speaks for need not be better by as much."""
+    reached = -fitted_change(first.fitted, found[-1].best.fitted) if found else 0.0
+    fall = -fitted_change(first.fitted, best)
+    least = thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.HALF_OF_IT * thresholds.WORTH
+    return fall > reached and (fall >= reached + least or _vouched(flight, first, best))
+
+
+def _vouched(flight: Flight, first: Tried, best: FittedModel) -> bool:
+    return all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects[len(first.fitted.effects) :])
+
+
+def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel) -> Pair:
+    """The two of a fitted model, each cross-validated with the other in it, the stronger first."""
+    pair = best.effects[len(first.fitted.effects) :]
+    validated: list[CrossValidatedEffect] = []
+    compared: list[CrossValidation] = []
+    one = pair[0]
+    for _ in range(2):
+        # The second may be another than the pair's, where that does better; the first has to come out again with it in the model.
+        alone = flight.fit((*first.fitted.effects, one), range(len(flight.records)), best.values)
+        step = weigh_all(flight, candidates, alone) if alone is not None else None
+        compared += step.results if step is not None else []
+        if step is None or step.chosen is None:
+            return None, compared
+        validated.append(step.chosen)
+        one = step.chosen.best.effect
+    came_out = {item.effect.name for item in (validated[1].best, *validated[1].others)}
+    return (validated[::-1] if pair[0].name in came_out else None), compared
+
+
+def _better(flight: Flight, first: Tried, best: FittedModel, pair: Sequence[CrossValidatedEffect], found: Sequence[CrossValidatedEffect]) -> bool:
+    """Whether the error on records left out falls by what is worth it, beyond its scatter; or does not rise, and one-step predictions gain much."""
+    last = found[-1].best.predictions if found else first.before
+    common = sorted(last.keys() & pair[0].best.predictions.keys())
+    before, after = [last[r] for r in common], [pair[0].best.predictions[r] for r in common]
+    lowered = reduction(before, after)
+    if found and lowered.total < 0.0 and coloured_gain(before, after) > thresholds.BY_ONE_STEP:
+        return True
+    least = 0.0 if _vouched(flight, first, best) else thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.WORTH
+    return lowered.total < -max(least, thresholds.BEYOND_ITS_SCATTER * lowered.scatter)
+
+
+def _beside_the_rival(flight: Flight, candidates: Sequence[Traceable], first: Tried) -> tuple[FittedModel | None, list[CrossValidation]]:
+    """A pair that begins with an effect that was not chosen although, with any colour allowed for, it brings more than what was."""
+    if first.chosen is None:
+        return None, []
+    best = first.chosen.best
+    taken = {id(item) for item in (best, *first.chosen.others)}
+    rivals = [item for item in first.results if item.stands and id(item) not in taken and not item.effect.traits.guard and item.gain > best.gain]
+    begun = weigh_all(flight, candidates, max(rivals, key=lambda item: item.gain).fitted) if rivals else None
+    if begun is None:
+        return None, []
+    return (begun.chosen.best.fitted if begun.chosen is not None else None), list(begun.results)
+
+
+def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]) -> FittedModel | None:
+    effects = (*fitted.effects, *(finding.effect for finding in pair))
+    return flight.fit(effects, range(len(flight.records)), fitted.values, {**pair[0].starts[0], **pair[1].starts[0]})
