@@ -11,8 +11,8 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, Values
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.cross_validation import _at_base, cross_validate
 from ident.tracing.replication.comparison import CrossValidatedEffect
+from ident.tracing.replication.cross_validation import _at_base, cross_validate
 from ident.tracing.replication.one_step import _in_full, _promising, weigh_all
 from ident.tracing.replication.pair_instead import pair_instead
 from ident.tracing.replication.weighing import within_reach, without_record
