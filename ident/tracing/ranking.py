@@ -14,7 +14,7 @@ from ident.tracing.restored_belief import with_belief_restored, without_unbeliev
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Key, Ledger, fit
-from ident.tracing.selection.near_aliases import equivalent_sets, near_aliases
+from ident.tracing.selection.near_aliases import equivalent_sets, guards_for_events, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, predicted_by
 from ident.tracing.weighed import ComparedSet
 from sim.declaration.proposal import Refinable
@@ -122,6 +122,7 @@ def _outdone_by_guard(
     if not held.choosing:
         return ledger, compared, None
     mine = frozenset(best.names)
+    ledger = guards_for_events(ledger, best, ledger.problem.settings.near)
     rivals = [m for key, m in ledger.models.items() if m.guards and len(key) == len(mine) and len(key - mine) == 1 and key not in compared]
     near = [m for m in rivals if m.criterion - best.criterion < ledger.problem.settings.near]
     ledger, compared = _with(ledger, compared, sorted(near, key=lambda m: m.criterion)[: thresholds.GUARDS_COMPARED], held)

@@ -14,7 +14,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, Values, free_names, local_names
 from ident.tracing.candidate_model.quantities import sigmas_from_absence
 from ident.tracing.replication.by_record import Flight, Replication, by_record, recordings
-from ident.tracing.replication.coloured_null import coloured_gain
+from ident.tracing.replication.coloured_null import coloured_gain, explained_share
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.replication.weighing import left_out, trained_without
@@ -76,6 +76,8 @@ def _weighed(
     if child is None:
         return None
     stands, why = _alone(gain, rest, where, most, thresholds.LONE_EVENT)
+    if stands and explained_share([before[where]], [after]) < thresholds.EVENT_EXPLAINS:
+        stands, why = False, "it explains little of what its record leaves"
     if stands and sigmas_from_absence(finding.effect, by_record(child, finding.effect)[where]) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     return CrossValidation(

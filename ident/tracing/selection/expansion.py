@@ -92,11 +92,26 @@ def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int)
         ledger, child = fit(ledger, (*fitted.effects, finding.effect), fitted, start, rough=True)
         if child is not None and (best is None or child.fit.cost < best.fit.cost):
             best = child
+    brought = fitted.fit.cost - best.fit.cost if best is not None else 0.0
+    elsewhere = _where_it_was_found(ledger, fitted, finding) if brought < thresholds.RIVAL * finding.gain else None
+    if elsewhere is not None:
+        # Slopes point the wrong way across a limit: where another set has it is a start as good.
+        ledger, child = fit(ledger, (*fitted.effects, finding.effect), fitted, elsewhere, rough=True)
+        best = child if child is not None and (best is None or child.fit.cost < best.fit.cost) else best
     if best is None or best.fit.cost > fitted.fit.cost:
         # The projection, which knows slopes only, led astray: from near absence no fit can fail.
         ledger, again = fit(ledger, (*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0]), rough=True)
         best = again if again is not None and again.fit.cost <= fitted.fit.cost else None
     return ledger, best
+
+
+def _where_it_was_found(ledger: Ledger, fitted: FittedModel, finding: Finding) -> dict[str, float] | None:
+    """An effect's values in the set in which it stands alone, beside what any record may have; None where that was not fitted."""
+    alone = ledger.models.get(frozenset(effect.name for effect in fitted.background) | {finding.effect.name})
+    names = free_names(finding.effect)
+    if alone is None or len(alone.names) > len(fitted.names) or not set(names) <= set(alone.values.shared):
+        return None
+    return {name: alone.values.shared[name] for name in names}
 
 
 def near_absence(effect: Traceable, start: Mapping[str, float]) -> dict[str, float]:

@@ -1,10 +1,12 @@
 """Can what is hidden be seen in the record that is fitted? An effect below the noise, or within reach of the parameters, is no question.
 
 Its strength is the expected gain of the log likelihood: half the squared change that taking it away makes to the outputs, in noise sigmas, as far
-as no change of the declared parameters, of biases, or of the size of what else is hidden can stand in for it.
+as no change of the declared parameters, of the initial state, of biases, or of the size of what else is hidden can stand in for it.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +20,8 @@ from sim.errors import ModelError
 
 LEAST = 40.0  # log likelihood: at that strength the weak effects of ``detection`` are all detected
 COARSE = 4.0 * STEP  # s
-SLOPE = 1e-3  # of a parameter's value
+SLOPE = 1e-3  # of a parameter's or a state's value
+LEAST_STATE = 0.1  # rad, rad/s: of a state that begins with zero
 
 
 def all_visible(paper: Paper, values: Values, flight: Flight) -> bool:
@@ -32,6 +35,10 @@ def all_visible(paper: Paper, values: Values, flight: Flight) -> bool:
     for name in estimated(paper.model):
         change = SLOPE * model.parameters[name].value
         columns.append((_whitened(paper, values, flight, {name: model.parameters[name].value + change}) - true).reshape(-1, 1) / SLOPE)
+    for item in model.initial:
+        moved = model.with_initial(model.initial.with_values({item.name: item.value + SLOPE * max(abs(item.value), LEAST_STATE)}))
+        elsewhere = replace(flight, setting=replace(flight.setting, model=moved))
+        columns.append((_whitened(paper, values, elsewhere, {}) - true).reshape(-1, 1) / SLOPE)
     gone = {name: (_whitened(paper, {k: v for k, v in values.items() if k != name}, flight, {}) - true).reshape(-1, 1) for name in asked}
     return all(_left([*columns, *(other for key, other in gone.items() if key != name)], gone[name]) > LEAST for name in asked)
 

@@ -58,7 +58,7 @@ class SensorStep:
         return Traits(
             sentences=("the zero of the {channel} jumps by {size} at {at}",),
             separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
-            plausible={"size": (-50.0 * self.typical, 50.0 * self.typical)},
+            plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)},
             onset="at",
             per_record=True,
         )

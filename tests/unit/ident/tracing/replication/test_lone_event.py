@@ -50,6 +50,14 @@ def test_nothing_is_claimed_where_no_record_crosses_one() -> None:
     assert found is None and tried and not any(item.stands for item in tried)
 
 
+def test_an_event_explains_a_good_part_of_what_its_record_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wrong model is worst in one record: an event there brings likelihood, and leaves most of the error."""
+    flight = flown([1])
+    monkeypatch.setattr(thresholds, "EVENT_EXPLAINS", 0.95)
+    found, tried = event_that_stands(flight, (GUST,), root_of(flight), 4)
+    assert found is None and [item.why for item in tried] == ["it explains little of what its record leaves"]
+
+
 def test_on_other_samples_an_event_is_asked_for_again_and_what_acts_throughout_is_not() -> None:
     flight, still = flown([1]), flown([])
     root = root_of(flight)

@@ -12,6 +12,7 @@ from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.tracing_problem import fit_of, planted, problem_of
@@ -87,3 +88,19 @@ def test_a_phugoid_and_an_even_change_of_speed_are_never_put_side_by_side() -> N
     with_phugoid, with_even = fit_of(problem, [phugoid]), fit_of(problem, [even])
     assert _excluded(with_phugoid, even) and _excluded(with_even, phugoid)
     assert not _excluded(with_phugoid, scale) and not _excluded(with_even, scale)
+
+
+def test_what_the_projection_loses_begins_where_another_set_found_it() -> None:
+    """A limit far above what was commanded has no slope: a fit that begins there stays there."""
+    limited, scale = ActuatorSaturation("elevator", "rad", 0.05), SensorScale("nz")
+    name = "actuator-saturation.limit"
+    problem = problem_of([planted([limited, scale], {name: 0.04, "sensor-scale:nz.scale": 1.3})], (limited, scale))
+    root = fit_of(problem)
+    alone, beside = fit_of(problem, [limited], root, {name: 0.045}), fit_of(problem, [scale], root)
+    far = Finding(limited, 500.0, 1, ({name: 5.0},), (500.0,), np.zeros(1))
+    ledger = Ledger(problem).kept(root, root.criterion).kept(beside, beside.criterion)
+    _, lost = best_fit(ledger, beside, far, 1)
+    assert lost is None or beside.fit.cost - lost.fit.cost < 5.0
+    _, found = best_fit(ledger.kept(alone, alone.criterion), beside, far, 1)
+    assert found is not None and beside.fit.cost - found.fit.cost > 100.0
+    assert found.values.shared[name] == pytest.approx(0.04, rel=0.02)

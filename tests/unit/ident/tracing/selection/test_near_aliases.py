@@ -10,9 +10,10 @@ import pytest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.selection.near_aliases import near_aliases
+from ident.tracing.selection.near_aliases import guards_for_events, near_aliases
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -103,3 +104,31 @@ def test_a_search_without_means_fits_none() -> None:
     ledger, best = ledger_of((LATE, AHEAD))
     spent = replace(ledger, spent=ledger.problem.settings.budget)
     assert near_aliases(spent, best, SETTINGS.near)[1] == []
+
+
+def test_a_guard_is_tried_in_the_place_of_an_event_that_the_search_was_content_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where both were tried the guard brought half as much or more: the event is not claimed before it was tried in its place, too."""
+    load, scale, guard = UnmeasuredInput(), SensorScale("nz"), GUARDS[0]
+    values = {"unmeasured-input.start": 6.0, "unmeasured-input.duration": 0.8, "unmeasured-input.moment": 0.01, "sensor-scale:nz.scale": 1.3}
+    problem = problem_of([planted((load, scale), values, 2)], (load, scale, guard))
+    root = fit_of(problem)
+    best, steady = fit_of(problem, (scale, load), root, values), fit_of(problem, (scale,), root)
+    ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
+    asked: list[tuple[str, set[str]]] = []
+
+    def spy(ledger: Ledger, best: FittedModel, effect: Traceable, names: set[str], within: float) -> tuple[Ledger, list[FittedModel]]:
+        asked.append((effect.name, names))
+        return ledger, []
+
+    monkeypatch.setattr("ident.tracing.selection.near_aliases._in_the_place_of", spy)
+    weak = replace(seen(guard.name), gain=40.0)
+    told: list[tuple[Candidate, ...]] = [(seen(load.name), weak), (seen(load.name), seen(guard.name)), (seen(guard.name),)]
+    for evidence in told:
+        guards_for_events(ledger.told(evidence=evidence), best, SETTINGS.near)
+    assert asked == [(load.name, set()), (load.name, {guard.name}), (load.name, set())]
+    guards_for_events(ledger.told(evidence=told[1]), steady, SETTINGS.near)
+    assert len(asked) == 3
+    known = problem.fit((scale, guard), root)
+    assert known is not None
+    guards_for_events(ledger.kept(known, known.criterion).told(evidence=told[1]), best, SETTINGS.near)
+    assert asked[-1] == (load.name, set())

@@ -15,6 +15,7 @@ from scenarios.trials.papers.flying import drawn_values, flown, values_again
 from scenarios.trials.papers.kinds import KINDS, drawable
 from scenarios.trials.papers.paper import Paper
 from scenarios.trials.papers.vehicles import NOISE, Flight, drawn_flights, drawn_vehicle, estimated, vehicle_file
+from scenarios.trials.papers.visible import all_visible
 from scenarios.trials.scoring import same_fault
 from sim.declaration.model import Model
 from sim.record import Record
@@ -129,3 +130,15 @@ def test_the_vehicle_file_has_the_constants_and_wrong_starts(model: str) -> None
         share = value / true.parameters[name].value
         assert 0.7 <= share <= 1.3 and (share == 1.0) == (name not in estimated(model))
     assert set(estimated(model)) <= set(told)
+
+
+def test_what_another_beginning_explains_cannot_be_seen() -> None:
+    """A falling body's altimeter that runs off slowly is a body that was a little faster: hidden from whoever has to fit both."""
+    flight = drawn("ballistic")[1][0]
+    drift, step = "sensor-drift:altitude", "sensor-step:altitude"
+    values = {drift: {drift: {"slope": -10.0}}, step: {step: {"at": 3.5, "size": 60.0}}}
+    for name, seen in ((drift, False), (step, True)):
+        asked = paper("ballistic", name)
+        gone = flown(asked, values[name], flight, np.random.default_rng(5))["altitude"].values - bare("ballistic")["altitude"].values
+        assert 0.5 * np.sum((gone / NOISE["altitude"]) ** 2) > 1000.0, "it moves what is measured far beyond the noise"
+        assert all_visible(asked, values[name], flight) is seen
