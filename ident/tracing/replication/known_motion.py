@@ -22,6 +22,8 @@ def motion_that_stands(
 ) -> tuple[CrossValidatedEffect | None, list[CrossValidation]]:
     """What any record may have, cross-validated at the declared model alone, and all that was tried; None where ``base`` has it not or it fails.
 
+    Where it fails and what its equations allow in its place (an even change of speed) stands, that is claimed instead.
+
     ``candidates`` : those that could stand in its place are taken from them.
     """
     known = base.effects
@@ -35,7 +37,9 @@ def motion_that_stands(
     rivals = [c for c in candidates if belongs_to_record(c) and c.name not in base.names and not c.traits.guard]
     findings = screen(plain, [*known, *rivals], search_context(plain))
     results = [item for item in (weigh(flight, plain, finding, before) for finding in findings) if item is not None]
-    mine = [item for item in results if item.effect.name in base.names and item.stands]
+    standing = [item for item in results if item.stands]
+    aliases = {alias for effect in known for alias in effect.aliases}
+    mine = [item for item in standing if item.effect.name in base.names] or [item for item in standing if item.effect.name in aliases]
     best = choose(results, flight.witness)
     if best is None or not mine:
         return None, results

@@ -67,7 +67,10 @@ def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: 
     members = {id(member) for item in chosen for member in (item.best, *item.others)}
     ledger = ledger.told(evidence=[_candidate(item, chosen=id(item) in members) for item in compared])
     said = {item.best.effect.name for item in chosen}
-    claims = (*(_of_background(fitted, effect) for effect in base.effects if effect.name not in said), *(_claim(fitted, item) for item in chosen))
+    claims = (
+        *(_of_background(fitted, effect) for effect in base.effects if effect.name in fitted.names and effect.name not in said),
+        *(_claim(fitted, item) for item in chosen),
+    )
     events_alone = all(is_event(item.best.effect) for item in chosen)
     return ledger, Partial(claims, fitted, predicted_by(fitted, held), validated, events_alone)
 
@@ -91,9 +94,10 @@ def _as_printed(
     left = list(chosen)
     while left:
         added = [item.best.effect for item in left if item.best.effect.name not in base.names]
+        kept = [effect for effect in base.effects if not any(other.name in effect.traits.never_beside for other in added)]
         # The place of an event is where it was found, which no start that records share can say.
         begin = left[-1].best.fitted if is_event(left[-1].best.effect) else base
-        ledger, fitted = fit(ledger, (*base.effects, *added), begin, _starts(left))
+        ledger, fitted = fit(ledger, (*kept, *added), begin, _starts(left))
         if fitted is None:
             break
         own = [why_not(item.best.effect, most_telling(fitted, item.best.effect), fitted) for item in left]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,12 +14,16 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.claims_beside_noise import predicts_no_better
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.loop import fit_declared, held_out_data
+from ident.tracing.replication import known_motion
 from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.comparison import CrossValidation
 from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.weighed import Ground
+from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
@@ -186,6 +190,23 @@ def phugoids() -> tuple[Ledger, FittedModel, HeldOutData]:
     records = [coloured(planted([PHUGOID], values, seed, flight=flight), seed) for seed, values in enumerate(flown, start=1)]
     start = fit_declared(replace(problem_of(records[:3], (PHUGOID, SpeedVariation())), predicted=records[3:]))
     return start.ledger, fit_of(start.ledger.problem, (PHUGOID,), start.root), held_out_data(start, records[3:])
+
+
+def test_an_even_change_of_speed_is_claimed_in_the_place_of_a_phugoid_that_no_one_believes(
+    phugoids: tuple[Ledger, FittedModel, HeldOutData], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ledger, base, held = phugoids
+    weigh = known_motion.weigh
+
+    def disbelieving(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
+        item = weigh(flight, fitted, finding, before)
+        return item if item is None or finding.effect.name != PHUGOID.name else replace(item, stands=False)
+
+    monkeypatch.setattr(known_motion, "weigh", disbelieving)
+    after, partial = cross_validated(ledger, base, held)
+    assert partial is not None and PHUGOID.name in base.names
+    assert [claim.name for claim in partial.claims] == ["speed-variation"] and partial.fitted.names == ("speed-variation",)
+    assert after.models.keys() > ledger.models.keys()
 
 
 def test_where_nothing_stands_only_the_evidence_is_told() -> None:
