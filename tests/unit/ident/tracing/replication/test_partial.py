@@ -19,6 +19,7 @@ from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, own_quantities
 from ident.tracing.replication.comparison import CrossValidation
 from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.replication.weighing import weigh
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
@@ -196,8 +197,6 @@ def test_an_even_change_of_speed_is_claimed_in_the_place_of_a_phugoid_that_no_on
     phugoids: tuple[Ledger, FittedModel, HeldOutData], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ledger, base, held = phugoids
-    weigh = known_motion.weigh
-
     def disbelieving(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
         item = weigh(flight, fitted, finding, before)
         return item if item is None or finding.effect.name != PHUGOID.name else replace(item, stands=False)
