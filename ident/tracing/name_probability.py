@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import Claim
-from ident.tracing.weighed import ComparedSet, Weighed
+from ident.tracing.weighed import Weighed
 
 SOMETHING_ELSE = "something else"
 
@@ -23,22 +23,22 @@ SOMETHING_ELSE = "something else"
 class Calibration:
     """What simulated papers and stand-ins teach.
 
-    ``temperature`` : of the log likelihood, one where its model of the noise is right. ``share_of_price`` : of what the criterion charges.
-    ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.
+    ``temperature`` : by ground, of the log likelihood, one where its model of the noise is right. ``share_of_price`` : of what the criterion
+    charges. ``against_guards`` : in twice the log likelihood. ``wrong`` : by ground, the share of claims that are wrong whatever the sets say.
     """
 
-    temperature: float = field(default_factory=lambda: thresholds.TEMPERATURE)
+    temperature: Mapping[str, float] = field(default_factory=lambda: thresholds.TEMPERATURE)
     share_of_price: float = field(default_factory=lambda: thresholds.SHARE_OF_PRICE)
     against_guards: float = field(default_factory=lambda: thresholds.AGAINST_GUARDS)
     wrong: Mapping[str, float] = field(default_factory=lambda: thresholds.WRONG_WHATEVER)
 
 
-def weights_of(sets: Sequence[ComparedSet], calibration: Calibration | None = None) -> np.ndarray:
-    """Relative weights ``(len(sets),)`` of sets, the largest one."""
-    calibration = calibration or Calibration()
+def weights_of(weighed: Weighed, calibration: Calibration | None = None) -> np.ndarray:
+    """Relative weights ``(n,)`` of the n sets that were weighed, the largest one."""
+    calibration, sets = calibration or Calibration(), weighed.sets
     behind = np.array([item.misfit + calibration.share_of_price * item.price + item.declared for item in sets])
     behind += np.array([calibration.against_guards if item.guard else 0.0 for item in sets])
-    exponent = -0.5 * behind / calibration.temperature
+    exponent = -0.5 * behind / calibration.temperature[weighed.ground.value]
     return np.asarray(np.exp(exponent - exponent.max()))
 
 
@@ -57,7 +57,7 @@ def name_probabilities(
     calibration = calibration or Calibration()
     mine, beside = {name, *twins}, set(others)
     found: dict[str, float] = {name: 0.0, SOMETHING_ELSE: 0.0}
-    for item, weight in zip(weighed.sets, weights_of(weighed.sets, calibration) if weighed.sets else (), strict=True):
+    for item, weight in zip(weighed.sets, weights_of(weighed, calibration) if weighed.sets else (), strict=True):
         new = [other for other in item.names if other not in beside and other not in mine]
         if mine & set(item.names):
             at = name

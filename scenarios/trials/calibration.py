@@ -85,18 +85,20 @@ def calibrated(statements: Sequence[Statement]) -> Calibration:
     from scipy.optimize import minimize
 
     grounds = [ground.value for ground in Ground]
+    n = len(grounds)
 
     def unpacked(x: np.ndarray) -> Calibration:
-        shares = np.clip(1.0 / (1.0 + np.exp(-x[3:])), LEAST, MOST)
-        return Calibration(float(np.exp(x[0])), float(1.0 / (1.0 + np.exp(-x[1]))), float(x[2]), dict(zip(grounds, shares.tolist(), strict=True)))
+        shares = np.clip(1.0 / (1.0 + np.exp(-x[n + 2 :])), LEAST, MOST)
+        temperature = dict(zip(grounds, np.exp(x[:n]).tolist(), strict=True))
+        return Calibration(temperature, float(1.0 / (1.0 + np.exp(-x[n]))), float(x[n + 1]), dict(zip(grounds, shares.tolist(), strict=True)))
 
     def cost(x: np.ndarray) -> float:
         found = unpacked(x)
         prior = sum(0.5 * np.log(share) + 9.5 * np.log1p(-share) for share in found.wrong.values())
-        return len(statements) * loss(statements, found) - float(prior) + 0.5 * float(x[0] ** 2 + (x[1] / 2.0) ** 2 + (x[2] / 6.0) ** 2)
+        return len(statements) * loss(statements, found) - float(prior) + 0.5 * float(x[:n] @ x[:n] + (x[n] / 2.0) ** 2 + (x[n + 1] / 6.0) ** 2)
 
-    begin = np.array([0.0, 0.0, 0.0, *([np.log(0.05 / 0.95)] * len(grounds))])
-    return unpacked(minimize(cost, begin, method="Nelder-Mead", options={"maxiter": 4000, "fatol": 1e-3, "xatol": 1e-3}).x)
+    begin = np.array([*np.zeros(n + 2), *([np.log(0.05 / 0.95)] * n)])
+    return unpacked(minimize(cost, begin, method="Nelder-Mead", options={"maxiter": 8000, "fatol": 1e-3, "xatol": 1e-3}).x)
 
 
 def statement_of(line: Mapping[str, Any]) -> Statement:

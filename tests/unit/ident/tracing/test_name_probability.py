@@ -21,7 +21,8 @@ BAR = 1.0 - 0.2  # what a ground of ``CALIBRATED`` leaves to the sets
 
 
 # Numbers of our own: what is calibrated may change, what it does may not.
-CALIBRATED = Calibration(2.0, 0.5, 4.0 * math.log(3.0), {ground.value: 0.2 for ground in Ground} | {"one-step": 0.4})
+TEMPERATURES = {ground.value: 2.0 for ground in Ground} | {"one-step": 1.0}
+CALIBRATED = Calibration(TEMPERATURES, 0.5, 4.0 * math.log(3.0), {ground.value: 0.2 for ground in Ground} | {"one-step": 0.4})
 
 
 def behind(odds: float) -> float:
@@ -41,6 +42,10 @@ def told(
     return dict(name_probabilities(name, others, Weighed(ground, sets, same), twins, calibration))
 
 
+def of_noise(*sets: ComparedSet) -> Weighed:
+    return Weighed(Ground.NOISE_LEFT, sets, ())
+
+
 def test_odds_by_hand() -> None:
     """Four to one against a rival, and a fifth of all claims of this ground wrong whatever the sets say."""
     found = told(ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), behind(4.0)))
@@ -49,16 +54,20 @@ def test_odds_by_hand() -> None:
 
 
 def test_prices_count_by_their_share_and_what_the_declared_derivatives_say_in_full() -> None:
-    whole = weights_of(
-        [ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 0.0, price=behind(9.0)), ComparedSet((SCALE,), 0.0, declared=behind(9.0))], CALIBRATED
-    )
+    dearer, otherwise = ComparedSet((SCALE,), 0.0, price=behind(9.0)), ComparedSet((SCALE,), 0.0, declared=behind(9.0))
+    whole = weights_of(of_noise(ComparedSet((LAG,), 0.0), dearer, otherwise), CALIBRATED)
     assert whole == pytest.approx([1.0, 1.0 / 3.0, 1.0 / 9.0])
-    cheaper = weights_of([ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 0.0, price=-behind(9.0))], CALIBRATED)
+    cheaper = weights_of(of_noise(ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 0.0, price=-behind(9.0))), CALIBRATED)
     assert cheaper == pytest.approx([1.0 / 3.0, 1.0])
 
 
 def test_weights_of_sets_far_behind_do_not_leave_the_range_of_numbers() -> None:
-    assert weights_of([ComparedSet((LAG,), -1e6), ComparedSet((SCALE,), 0.0), ComparedSet((SCALE,), -1e6)]).tolist() == [1.0, 0.0, 1.0]
+    assert weights_of(of_noise(ComparedSet((LAG,), -1e6), ComparedSet((SCALE,), 0.0), ComparedSet((SCALE,), -1e6))).tolist() == [1.0, 0.0, 1.0]
+
+
+def test_a_distance_counts_by_the_temperature_of_what_the_claim_rests_on() -> None:
+    sets = (ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), behind(4.0)))
+    assert weights_of(Weighed(Ground.ONE_STEP, sets, ()), CALIBRATED) == pytest.approx([1.0, 1.0 / 16.0])
 
 
 def test_guards_and_removed_effects_count_as_something_else() -> None:
@@ -94,11 +103,12 @@ def test_a_name_under_which_the_equations_are_the_same_has_half_of_it() -> None:
 def test_every_ground_has_its_share_of_wrong_claims_and_numbers_are_read_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     present = Calibration()
     assert set(present.wrong) == {ground.value for ground in Ground} and present.wrong == thresholds.WRONG_WHATEVER
-    assert all(0.0 < share < 1.0 for share in present.wrong.values()) and present.temperature > 0.0
+    assert all(0.0 < share < 1.0 for share in present.wrong.values()) and present.temperature == thresholds.TEMPERATURE
+    assert set(present.temperature) == set(present.wrong) and all(value > 0.0 for value in present.temperature.values())
     sets = (ComparedSet((LAG,), 0.0), ComparedSet((SCALE,), 6.0, 4.0), ComparedSet((GUARD,), 3.0, guard=True))
     assert dict(name_probabilities(LAG, (), Weighed(Ground.NOISE_LEFT, sets), ())) == told(*sets, calibration=present)
     for name, number in (
-        ("TEMPERATURE", 2.0),
+        ("TEMPERATURE", TEMPERATURES),
         ("SHARE_OF_PRICE", 0.5),
         ("AGAINST_GUARDS", CALIBRATED.against_guards),
         ("WRONG_WHATEVER", CALIBRATED.wrong),

@@ -197,6 +197,7 @@ def test_an_even_change_of_speed_is_claimed_in_the_place_of_a_phugoid_that_no_on
     phugoids: tuple[Ledger, FittedModel, HeldOutData], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ledger, base, held = phugoids
+
     def disbelieving(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
         item = weigh(flight, fitted, finding, before)
         return item if item is None or finding.effect.name != PHUGOID.name else replace(item, stands=False)
