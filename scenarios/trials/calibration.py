@@ -88,7 +88,7 @@ def calibrated(statements: Sequence[Statement]) -> Calibration:
     n = len(grounds)
 
     def unpacked(x: np.ndarray) -> Calibration:
-        shares = np.clip(1.0 / (1.0 + np.exp(-x[n + 2 :])), LEAST, MOST)
+        shares = 1.0 / (1.0 + np.exp(-x[n + 2 :]))
         temperature = dict(zip(grounds, np.exp(x[:n]).tolist(), strict=True))
         return Calibration(temperature, float(1.0 / (1.0 + np.exp(-x[n]))), float(x[n + 1]), dict(zip(grounds, shares.tolist(), strict=True)))
 
@@ -98,7 +98,9 @@ def calibrated(statements: Sequence[Statement]) -> Calibration:
         return len(statements) * loss(statements, found) - float(prior) + 0.5 * float(x[:n] @ x[:n] + (x[n] / 2.0) ** 2 + (x[n + 1] / 6.0) ** 2)
 
     begin = np.array([*np.zeros(n + 2), *([np.log(0.05 / 0.95)] * n)])
-    return unpacked(minimize(cost, begin, method="Nelder-Mead", options={"maxiter": 8000, "fatol": 1e-3, "xatol": 1e-3}).x)
+    least, most = (float(np.log(share / (1.0 - share))) for share in (LEAST, MOST))
+    bounds = [*([(None, None)] * (n + 2)), *([(least, most)] * n)]
+    return unpacked(minimize(cost, begin, method="L-BFGS-B", bounds=bounds).x)
 
 
 def statement_of(line: Mapping[str, Any]) -> Statement:
