@@ -13,35 +13,44 @@ from ident.statistics.rank_correlation import p_value_of_growth
 from ident.tracing import thresholds
 from ident.whole_record.gauss_newton import Fit
 
+Seconds = Sequence[tuple[np.ndarray, np.ndarray]]  # of each record: mean square of the motion, and of what is left
+
 
 def is_even(fits: Sequence[Fit]) -> bool:
     """Whether enough seconds of all records say so."""
-    chance = chance_that_even(fits)
-    return chance is not None and chance > thresholds.EVEN and loudest_fifth(fits) < thresholds.EPISODE
+    return _even(seconds_of(fits)) is True
 
 
 def is_uneven(fits: Sequence[Fit]) -> bool:
     """Whether enough seconds of all records deny it."""
-    chance = chance_that_even(fits)
-    return chance is not None and (chance <= thresholds.EVEN or loudest_fifth(fits) >= thresholds.EPISODE)
+    return _even(seconds_of(fits)) is False
 
 
-def loudest_fifth(fits: Sequence[Fit]) -> float:
+def _even(seconds: Seconds) -> bool | None:
+    chance = chance_that_even(seconds)
+    return None if chance is None else chance > thresholds.EVEN and loudest_fifth(seconds) < thresholds.EPISODE
+
+
+def loudest_fifth(seconds: Seconds) -> float:
     """Share of the power of what is left that falls into the loudest fifth of each record's seconds; the mean over records."""
     shares = []
-    for fit in fits:
-        for r in range(len(fit.lines)):
-            left = np.sort(_by_second(fit, r)[1])[::-1]
-            shares.append(float(left[: max(1, round(0.2 * len(left)))].sum() / (left.sum() + 1e-300)))
+    for _, unordered in seconds:
+        left = np.sort(unordered)[::-1]
+        shares.append(float(left[: max(1, round(0.2 * len(left)))].sum() / (left.sum() + 1e-300)))
     return float(np.mean(shares))
 
 
-def chance_that_even(fits: Sequence[Fit]) -> float | None:
+def chance_that_even(seconds: Seconds) -> float | None:
     """P-value of the rank correlation of what is left with the motion, over seconds of all records; None with too few of them."""
-    moved, left = (np.concatenate(rows) for rows in zip(*(_by_second(fit, r) for fit in fits for r in range(len(fit.lines))), strict=True))
+    moved, left = (np.concatenate(rows) for rows in zip(*seconds, strict=True))
     if len(moved) < thresholds.FEWEST_SECONDS:
         return None
     return p_value_of_growth(moved, left)
+
+
+def seconds_of(fits: Sequence[Fit]) -> Seconds:
+    """Each record of all fits, second by second."""
+    return [_by_second(fit, r) for fit in fits for r in range(len(fit.lines))]
 
 
 def _by_second(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:

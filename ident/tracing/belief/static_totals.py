@@ -15,10 +15,10 @@ from ident.whole_record.output_error import fit_covariance
 from sim.declaration.effect import full_name
 
 
-def static_total(fitted: FittedModel, derivative: str) -> tuple[str, Quantity] | None:
+def static_total(fitted: FittedModel, derivative: str, covariance: np.ndarray) -> tuple[str, Quantity] | None:
     """A derivative with what the set's effects add to it at rest: the sum in words and its value; None where no effect adds anything.
 
-    The sigma is that of the sum, to first order, with correlations.
+    The sigma is that of the sum, to first order, from the covariance ``(n, n)`` of all unknowns.
     """
     names, theta = fitted.fit.layout.names, fitted.fit.theta
     if derivative not in names:
@@ -36,12 +36,14 @@ def static_total(fitted: FittedModel, derivative: str) -> tuple[str, Quantity] |
         words.append(f"{' '.join(effect.traits.static_parts[derivative])} of {effect.name}")
     if len(words) == 1:
         return None
-    covariance, _ = fit_covariance(fitted.fit)
     unit = fitted.declared.parameters[derivative].unit
     return " + ".join(words), Quantity(value, float(np.sqrt(max(slope @ covariance @ slope, 1e-300))), unit)
 
 
 def told_totals(fitted: FittedModel, derivatives: Sequence[str]) -> str:
     """The same of several derivatives in words, empty where there is nothing to say."""
-    totals = [total for name in derivatives if (total := static_total(fitted, name)) is not None]
+    if not derivatives:
+        return ""
+    covariance, _ = fit_covariance(fitted.fit)
+    totals = [total for name in derivatives if (total := static_total(fitted, name, covariance)) is not None]
     return "; ".join(f"{words} keep {q.value:.3g} +- {q.std:.2g}" for words, q in totals)

@@ -127,18 +127,10 @@ def distance_from_absence(fitted: FittedModel, effect: Traceable) -> float:
     return float(np.sqrt(max(0.0, _squared_distance(covariance, at, away)) / len(at)))
 
 
-def own_quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
-    """An effect's parameters in a fit, with sigmas corrected for coloured residuals; of the first record where each has its own."""
-    return by_record(fitted, effect)[0]
-
-
 def most_telling(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
-    """The same of the record in which the effect stands out most, where each has its own."""
-    return (
-        max(by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found))
-        if belongs_to_record(effect)
-        else own_quantities(fitted, effect)
-    )
+    """An effect's parameters in a fit, sigmas corrected for coloured residuals; of the record in which it stands out most where each has its own."""
+    each = by_record(fitted, effect)
+    return max(each, key=lambda found: sigmas_from_absence(effect, found)) if belongs_to_record(effect) else each[0]
 
 
 def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> bool:

@@ -11,7 +11,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.equivalents import misfit_to_declared
-from ident.tracing.replication.by_record import Replication, own_quantities
+from ident.tracing.replication.by_record import Replication, most_telling
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.score_test import Finding, collinear
 from ident.tracing.weighed import ComparedSet
@@ -57,7 +57,7 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
         return None
     equals = [item for item in standing if _as_good(item, lowest)]
     # Among equals the one that a witness speaks for, then that with fewest parameters, then the best.
-    said = {id(item): witness(item.effect.name, own_quantities(item.fitted, item.effect)) for item in equals} if len(equals) > 1 else {}
+    said = {id(item): witness(item.effect.name, most_telling(item.fitted, item.effect)) for item in equals} if len(equals) > 1 else {}
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
     # Between those that no record tells apart the declared derivatives choose, which is beyond any witness of the same record.
     best = min((item for item in equals if item is best or item.effect.name in best.effect.traits.equivalents), key=_from_declared)

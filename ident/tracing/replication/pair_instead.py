@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.by_record import Flight, most_telling
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
@@ -47,7 +47,7 @@ def _promises(flight: Flight, first: Tried, best: FittedModel, found: Sequence[C
 
 
 def _vouched(flight: Flight, first: Tried, best: FittedModel) -> bool:
-    return all(flight.witness(effect.name, own_quantities(best, effect)) > 0 for effect in best.effects[len(first.fitted.effects) :])
+    return all(flight.witness(effect.name, most_telling(best, effect)) > 0 for effect in best.effects[len(first.fitted.effects) :])
 
 
 def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel) -> Pair:

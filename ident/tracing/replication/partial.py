@@ -14,7 +14,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_r
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.equivalents import same_by_value
-from ident.tracing.replication.by_record import choosing_records, most_telling, own_quantities, recordings
+from ident.tracing.replication.by_record import choosing_records, most_telling, recordings
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.cross_validation import cross_validate, with_events_again
 from ident.tracing.selection.ledger import Ledger, fit
@@ -134,7 +134,7 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         return Claim(best.effect.name, own, alternatives, True, acts_on, best.effect.explanation, evidence, weighed=weighed)
     found = {
         name: _scattered(quantity, [own[name].value for own in best.replication.values])
-        for name, quantity in own_quantities(fitted, best.effect).items()
+        for name, quantity in most_telling(fitted, best.effect).items()
     }
     return Claim(best.effect.name, found, alternatives, True, (), best.effect.explanation, evidence, weighed=weighed)
 
@@ -163,7 +163,7 @@ def _candidate(item: CrossValidation, *, chosen: bool) -> Candidate:
 
     names = item.fitted.names
     p_value = float(chdtrc(item.finding.parameters, max(2.0 * item.gain, 0.0)))
-    found = own_quantities(item.fitted, item.effect)
+    found = most_telling(item.fitted, item.effect)
     believed = not implausible(item.effect, found, slack=0.0)
     why = "cross-validated, but another does better" if item.stands and not chosen else item.why
     return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.tracing import thresholds
-from ident.tracing.belief.evenness import chance_that_even, is_even, is_uneven, loudest_fifth
+from ident.tracing.belief.evenness import chance_that_even, is_even, is_uneven, loudest_fifth, seconds_of
 from ident.whole_record.gauss_newton import Fit
 
 
@@ -29,13 +29,13 @@ def moving(seconds: int, share: float, seed: int = 1, rate: int = 25) -> Fit:
 def test_what_goes_with_the_motion_is_uneven(share: float, even: bool) -> None:
     fits = [moving(30, share)]
     assert is_even(fits) is even and is_uneven(fits) is not even
-    chance = chance_that_even(fits)
+    chance = chance_that_even(seconds_of(fits))
     assert chance is not None and (chance > thresholds.EVEN) is even
 
 
 def test_seconds_of_all_records_count_together_and_too_few_say_neither() -> None:
     few = thresholds.FEWEST_SECONDS - 1
-    assert chance_that_even([moving(few, 0.8)]) is None and not is_even([moving(few, 0.0)]) and not is_uneven([moving(few, 0.8)])
+    assert chance_that_even(seconds_of([moving(few, 0.8)])) is None and not is_even([moving(few, 0.0)]) and not is_uneven([moving(few, 0.8)])
     assert is_uneven([moving(few, 0.8), moving(few, 0.8, seed=2)])
 
 
@@ -47,7 +47,7 @@ def test_the_test_is_spearmans() -> None:
     y, left = fit.lines[0].y[0].reshape(30, 25), fit.residuals[0][0].reshape(30, 25)
     moved = np.mean((y - np.median(y)) ** 2, axis=1)
     expected = spearmanr(moved, np.mean(left**2, axis=1), alternative="greater").pvalue
-    assert chance_that_even([fit]) == pytest.approx(expected, rel=1e-9)
+    assert chance_that_even(seconds_of([fit])) == pytest.approx(expected, rel=1e-9)
 
 
 def test_an_episode_is_not_even() -> None:
@@ -56,7 +56,7 @@ def test_an_episode_is_not_even() -> None:
     loud = np.where((np.arange(750) >= 250) & (np.arange(750) < 350), 10.0, 1.0)
     wake = cast("Fit", SimpleNamespace(layout=calm.layout, lines=calm.lines, residuals=(loud * calm.residuals[0],), variance=calm.variance))
     power = np.sort(np.sum((loud * calm.residuals[0])[0].reshape(30, 25) ** 2, axis=1))
-    assert loudest_fifth([wake]) == pytest.approx(power[-6:].sum() / power.sum())
-    assert loudest_fifth([calm]) < thresholds.EPISODE < loudest_fifth([wake])
-    assert loudest_fifth([calm, wake]) == pytest.approx(0.5 * (loudest_fifth([calm]) + loudest_fifth([wake])))
+    assert loudest_fifth(seconds_of([wake])) == pytest.approx(power[-6:].sum() / power.sum())
+    assert loudest_fifth(seconds_of([calm])) < thresholds.EPISODE < loudest_fifth(seconds_of([wake]))
+    assert loudest_fifth(seconds_of([calm, wake])) == pytest.approx(0.5 * (loudest_fifth(seconds_of([calm])) + loudest_fifth(seconds_of([wake]))))
     assert is_uneven([wake]) and not is_even([wake])

@@ -23,7 +23,7 @@ def bent() -> FittedModel:
 def test_the_sum_and_its_sigma_by_drawing(bent: FittedModel) -> None:
     """The sigma of Cm_alpha + moment angle_gain, a product, against draws from the fit's covariance."""
     names, theta = bent.fit.layout.names, bent.fit.theta
-    total = static_total(bent, "Cm_alpha")
+    total = static_total(bent, "Cm_alpha", fit_covariance(bent.fit)[0])
     assert total is not None and total[0] == "Cm_alpha + moment angle_gain of elastic-mode"
     at = [names.index(name) for name in ("Cm_alpha", "elastic-mode.moment", "elastic-mode.angle_gain")]
     assert total[1].value == pytest.approx(theta[at[0]] + theta[at[1]] * theta[at[2]], rel=1e-12)
@@ -37,12 +37,13 @@ def test_the_total_is_known_better_than_its_parts_where_they_trade(bent: FittedM
     covariance, _ = fit_covariance(bent.fit)
     names = bent.fit.layout.names
     part = float(np.sqrt(covariance[names.index("Cm_de"), names.index("Cm_de")]))
-    total = static_total(bent, "Cm_de")
+    total = static_total(bent, "Cm_de", fit_covariance(bent.fit)[0])
     assert total is not None and total[1].std < part
     assert "Cm_de + moment of elastic-mode keep" in told_totals(bent, ["Cm_de", "Cm_q"])
 
 
 def test_nothing_is_said_where_no_effect_adds_anything(bent: FittedModel) -> None:
     root = fit_of(problem_of([planted()]))
-    assert static_total(bent, "Cm_q") is None is static_total(root, "Cm_de") is static_total(root, "unknown")
+    mine, plain = fit_covariance(bent.fit)[0], fit_covariance(root.fit)[0]
+    assert static_total(bent, "Cm_q", mine) is None is static_total(root, "Cm_de", plain) is static_total(root, "unknown", plain)
     assert told_totals(root, ["Cm_de"]) == ""

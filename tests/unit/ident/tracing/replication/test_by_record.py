@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, own_quantities, recordings, replicate
+from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, most_telling, recordings, replicate
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
@@ -67,7 +67,7 @@ def test_the_distance_from_absence_is_walds_per_parameter(late: Flight) -> None:
     """Of one parameter its sigmas; of four the root of the mean square of what is independent in them."""
     one = late.fit((LATE,), range(3), None, {"sensor-delay:alpha.delay": 0.07})
     assert one is not None
-    shown = own_quantities(one, LATE)["delay"]
+    shown = most_telling(one, LATE)["delay"]
     assert distance_from_absence(one, LATE) == pytest.approx(shown.value / shown.std)
     four = late.fit((MOMENT_NONLINEARITY,), range(3), None)
     assert four is not None

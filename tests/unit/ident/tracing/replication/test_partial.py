@@ -16,7 +16,7 @@ from ident.tracing.diagnosis import Quantity
 from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication import known_motion
 from ident.tracing.replication import partial as told
-from ident.tracing.replication.by_record import Flight, own_quantities
+from ident.tracing.replication.by_record import Flight, most_telling
 from ident.tracing.replication.comparison import CrossValidation
 from ident.tracing.replication.partial import Partial, cross_validated
 from ident.tracing.replication.weighing import weigh
@@ -83,7 +83,7 @@ def test_the_value_is_that_of_the_common_fit_with_a_sigma_that_the_records_bear_
     _, partial, _ = found
     (claim,) = partial.claims
     assert claim.evidence is not None
-    shown, common = claim.parameters["delay"], own_quantities(partial.fitted, LATE)["delay"]
+    shown, common = claim.parameters["delay"], most_telling(partial.fitted, LATE)["delay"]
     each = [own["delay"].value for own in claim.evidence.by_record]
     assert shown.value == common.value and shown.unit == "s"
     assert shown.std == pytest.approx(max(common.std, np.std(each, ddof=1) / np.sqrt(3.0)))
