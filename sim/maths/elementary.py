@@ -33,10 +33,13 @@ def real(x: Any) -> Any:
 
 
 def exp(x: Any) -> Any:
-    """Exponential; ``math`` for floats, since NumPy's scalar call is ten times dearer."""
-    if isinstance(x, float):
-        return math.exp(x)
-    return cmath.exp(x) if isinstance(x, complex) else np.exp(x)
+    """Exponential; ``math`` for floats, since NumPy's scalar call is ten times dearer. Infinite, as of an array, where ``math`` would raise."""
+    try:
+        if isinstance(x, float):
+            return math.exp(x)
+        return cmath.exp(x) if isinstance(x, complex) else np.exp(x)
+    except OverflowError:
+        return complex(math.inf, math.copysign(math.inf, x.imag)) if isinstance(x, complex) else math.inf
 
 
 def cos(x: Any) -> Any:
@@ -47,16 +50,16 @@ def cos(x: Any) -> Any:
 
 
 def log(x: Any) -> Any:
-    """Natural logarithm of a positive float, of a complex number near one, or of an array of either."""
+    """Natural logarithm of a float, of a complex number near a positive one, or of an array of either; of what is not positive as of an array."""
     if isinstance(x, float):
-        return math.log(x)
+        return math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
     return cmath.log(x) if isinstance(x, complex) else np.log(x)
 
 
 def sqrt(x: Any) -> Any:
-    """Square root of a float that is not negative, of a complex number, or of an array."""
+    """Square root of a float, of a complex number, or of an array; NaN of a negative float, as of an array."""
     if isinstance(x, float):
-        return math.sqrt(x)
+        return math.sqrt(x) if x >= 0.0 else math.nan
     return cmath.sqrt(x) if isinstance(x, complex) else np.sqrt(x)
 
 
