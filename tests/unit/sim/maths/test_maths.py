@@ -23,10 +23,12 @@ from sim.maths.elementary import (
     interpolate,
     jacobian_in_one_call,
     linear_recurrence,
+    log,
     maximum,
     minimum,
     once_for_alike,
     real,
+    sqrt,
     where,
 )
 
@@ -187,3 +189,16 @@ def test_rows_of_alike_runs_keep_complex_steps(values: list[float], complex_: bo
     column = np.array(values)[:, None] + (1j * COMPLEX_STEP if complex_ else 0.0)
     time = np.linspace(0.0, 2.0, 5)
     np.testing.assert_array_equal(once_for_alike(lambda x: x * x * time, column), column * column * time)
+
+
+@pytest.mark.parametrize("function", [exp, log, sqrt, cos])
+@pytest.mark.parametrize("x", [-math.inf, -1.0, -0.0, 0.0, 1e-300, 1.0, 709.0, 800.0, math.inf, math.nan])
+def test_a_float_gives_what_an_array_gives_and_never_raises(function: Callable[[Any], Any], x: float) -> None:
+    with np.errstate(all="ignore"):
+        expected = function(np.array([x]))[0]
+    assert function(x) == pytest.approx(float(expected), rel=1e-14, nan_ok=True)
+
+
+def test_an_exponential_beyond_the_range_is_infinite_of_a_complex_step_too() -> None:
+    assert exp(complex(800.0, 1e-20)) == complex(math.inf, math.inf)
+    assert exp(complex(2.0, 1e-20)).imag == pytest.approx(1e-20 * math.exp(2.0))
