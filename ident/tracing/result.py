@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -44,10 +44,18 @@ def _inflated(claim: Claim, inflation: Mapping[str, float]) -> Claim:
     return replace(claim, evidence=replace(claim.evidence, derivatives=members))
 
 
-def _under_each(ledger: Ledger, best: FittedModel, claim: Claim, under: Mapping[str, Quantity], inflation: Mapping[str, float]) -> Claim:
+def _under_each(
+    ledger: Ledger,
+    best: FittedModel,
+    claim: Claim,
+    under: Mapping[str, Quantity],
+    inflation: Mapping[str, float],
+    spread: Callable[[FittedModel], Mapping[str, float]],
+) -> Claim:
     """A claim with the derivatives under its own name and under each alternative in its place, all with sigmas of one kind.
 
-    ``under`` : those of the set that was judged. Those of a group that was cross-validated are in its evidence.
+    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with the form of its effects. Those of a group that
+    was cross-validated are in its evidence.
     """
     if claim.evidence is not None:
         return replace(claim, derivatives_under=claim.evidence.derivatives)
@@ -55,7 +63,7 @@ def _under_each(ledger: Ledger, best: FittedModel, claim: Claim, under: Mapping[
     for name in claim.alternatives:
         other = ledger.models.get(frozenset({*rest, name}))
         if other is not None:
-            members[name] = _derivatives(ledger.problem, other, inflation, form_spread(ledger.problem, other))
+            members[name] = _derivatives(ledger.problem, other, inflation, spread(other))
     return replace(claim, derivatives_under={claim.name: under, **members}) if members else claim
 
 
@@ -90,13 +98,16 @@ def reported(
         for r, record in enumerate(shown)
     ]
     masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
-    # Where nothing is claimed the form of a hint is not worth a fit.
-    spread = form_spread(problem, best) if judgement.verdict is not Verdict.UNEXPLAINED else {}
-    under = _derivatives(problem, best, inflation, spread)
+
+    def spread(fitted: FittedModel) -> Mapping[str, float]:
+        # Where nothing is claimed the form of a hint is not worth a fit.
+        return form_spread(problem, fitted) if judgement.verdict is not Verdict.UNEXPLAINED else {}
+
+    under = _derivatives(problem, best, inflation, spread(best))
     claims = with_probabilities(judgement.claims, problem.twins)
     return Diagnosis(
         verdict=judgement.verdict,
-        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation) for claim in claims),
+        effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
         derived_before=_derived(root, before.scatter.inflation),

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import pickle
+import signal
+import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,15 +18,15 @@ T = TypeVar("T")
 
 @dataclass(eq=False)
 class Alongside(Generic[T]):
-    """``compute()``, once: by a fork from ``begin`` on, or here where that was never called, cannot be done, or failed."""
+    """``compute()`` by a fork from ``begin`` on; here where that was never called, cannot be done, or failed."""
 
     compute: Callable[[], T]
     _pipe: int | None = field(default=None, init=False)
     _child: int = field(default=0, init=False)
 
     def begin(self) -> None:
-        """Start the fork, once; where the system has none, or no second processor, nothing is done."""
-        if self._pipe is not None or not hasattr(os, "fork") or (os.cpu_count() or 1) < 2:
+        """Start the fork, once; nothing is done where the system has none that is safe, and where no processor is left for it."""
+        if self._child or not _spare_processor():
             return
         receive, send = os.pipe()
         with warnings.catch_warnings():
@@ -55,9 +58,9 @@ class Alongside(Generic[T]):
         """The result; waits for the fork."""
         if self._pipe is None:
             return self.compute()
-        with open(self._pipe, "rb") as stream:
+        pipe, self._pipe = self._pipe, None
+        with open(pipe, "rb") as stream:
             content = stream.read()
-        self._pipe = None
         if self._ended() != 0:
             return self.compute()
         found: T = pickle.loads(content)
@@ -68,11 +71,21 @@ class Alongside(Generic[T]):
         if self._pipe is not None:
             os.close(self._pipe)
             self._pipe = None
+        if self._child:
             with contextlib.suppress(ProcessLookupError):
-                os.kill(self._child, 9)
+                os.kill(self._child, signal.SIGKILL)
             self._ended()
 
     def _ended(self) -> int:
+        """Wait for the fork to end; its exit status, none of which is zero but success."""
+        child, self._child = self._child, 0
         with contextlib.suppress(ChildProcessError):
-            return os.waitpid(self._child, 0)[1]
+            return os.waitpid(child, 0)[1]
         return 1
+
+
+def _spare_processor() -> bool:
+    """Whether a fork has a processor to itself: on Linux, whose libraries bear a fork beside threads, and not in a worker of many."""
+    if not sys.platform.startswith("linux") or multiprocessing.parent_process() is not None:
+        return False
+    return len(os.sched_getaffinity(0)) > 1

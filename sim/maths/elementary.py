@@ -39,7 +39,7 @@ def exp(x: Any) -> Any:
             return math.exp(x)
         return cmath.exp(x) if isinstance(x, complex) else np.exp(x)
     except OverflowError:
-        return complex(math.inf, math.copysign(math.inf, x.imag)) if isinstance(x, complex) else math.inf
+        return complex(math.inf, math.copysign(math.inf, x.imag) if x.imag else 0.0) if isinstance(x, complex) else math.inf
 
 
 def cos(x: Any) -> Any:
@@ -53,7 +53,9 @@ def log(x: Any) -> Any:
     """Natural logarithm of a float, of a complex number near a positive one, or of an array of either; of what is not positive as of an array."""
     if isinstance(x, float):
         return math.log(x) if x > 0.0 else -math.inf if x == 0.0 else math.nan
-    return cmath.log(x) if isinstance(x, complex) else np.log(x)
+    if isinstance(x, complex):
+        return cmath.log(x) if x else complex(-math.inf)
+    return np.log(x)
 
 
 def sqrt(x: Any) -> Any:

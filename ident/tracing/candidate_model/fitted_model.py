@@ -132,6 +132,11 @@ def acts_all_along(effect: Traceable) -> bool:
     return not (passing or effect.traits.guard or effect.traits.background)
 
 
+def never_together(one: Traceable, other: Traceable) -> bool:
+    """Whether two effects are never in one set: two words for one fault, or laws of which a record shows no more than one."""
+    return other.name in (*one.traits.twins, *one.traits.never_beside) or one.name in other.traits.never_beside
+
+
 def free_names(effect: Effect) -> list[str]:
     """Full names of an effect's free parameters."""
     return [full_name(effect, item.name) for item in effect.parameters if item.free]

@@ -7,7 +7,7 @@ from each record by itself.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.known_motion import motion_that_stands
 from ident.tracing.replication.lone_event import event_that_stands
-from ident.tracing.replication.one_step import Tried, weigh_all
+from ident.tracing.replication.one_round import Tried, weigh_all
 from ident.tracing.replication.pair_instead import pair_instead
 from sim.declaration.effect import NoiseEffect, Regularity
 from sim.declaration.proposal import Traceable
@@ -42,10 +42,11 @@ def cross_validate(
     found: list[CrossValidatedEffect] = []
     usable = [c for c in candidates if not (isinstance(c, NoiseEffect) or is_event(c) or c.traits.background or _is_of_single_samples(c))]
     motion, compared = motion_that_stands(flight, usable, base)
-    first = _at_base(flight, base)
+    instead = motion is not None and motion.best.effect.name not in base.names
+    first = motion.best.fitted if motion is not None and instead else _at_base(flight, base)
     steps: list[Tried] = []
     while first is not None and len(found) < thresholds.DEEPEST:
-        step = weigh_all(flight, usable, found[-1].best.fitted) if found else weigh_all(flight, usable, first, (base, known))
+        step = weigh_all(flight, usable, found[-1].best.fitted if found else first, None if found or instead else (base, known))
         if step is None:
             break
         steps.append(step)
@@ -62,18 +63,37 @@ def cross_validate(
     return [item for item in (motion, *found, event) if item is not None], [*compared, *results]
 
 
-def with_events_again(
+def weighed_again(
     flight: Flight, candidates: Sequence[Traceable], base: FittedModel, validated: Sequence[CrossValidatedEffect], fitted_records: int
 ) -> tuple[list[CrossValidatedEffect], list[CrossValidation]]:
-    """Cross-validated effects with their event, which a few samples may make, looked for anew; and what was tried. Arguments: ``cross_validate``."""
-    steady = [item for item in validated if not is_event(item.best.effect)]
-    if len(steady) == len(validated):
-        return steady, []
-    added = [item.best.effect for item in steady if item.best.effect.name not in base.names]
-    starts = {name: value for item in steady for name, value in item.best.fitted.values.shared.items()}
-    everything = _at_base(flight, base, added, starts)
-    event, results = event_that_stands(flight, candidates, everything, fitted_records) if everything is not None else (None, [])
-    return [*steady, *([event] if event is not None else [])], results
+    """Cross-validated effects weighed again on other samples of the same records, each with its alternatives beside what was in the model before it;
+    an event, which a few samples may make, among all events. And all that was tried. Arguments: ``cross_validate``.
+    """
+    found: list[CrossValidatedEffect] = []
+    compared: list[CrossValidation] = []
+    everything = range(len(flight.records))
+    fitted = _at_base(flight, base)
+    for item in validated:
+        members = [member.effect for member in (item.best, *item.others)]
+        if any(effect.name in base.names for effect in members):
+            motion, results = motion_that_stands(flight, members, base)
+            found += [motion] if motion is not None else []
+            compared += results
+            continue
+        if is_event(item.best.effect):
+            event, results = event_that_stands(flight, candidates, fitted, fitted_records) if fitted is not None else (None, [])
+            found += [event] if event is not None else []
+            compared += results
+            continue
+        before = flight.fit(item.best.fitted.effects[:-1], everything, item.best.fitted.values)
+        again = weigh_all(flight, members, before) if before is not None else None
+        compared += again.results if again is not None else []
+        if again is None or again.chosen is None:
+            # What comes after it was weighed beside it.
+            return found, compared
+        found.append(again.chosen)
+        fitted = again.chosen.best.fitted
+    return found, compared
 
 
 def _is_of_single_samples(candidate: Traceable) -> bool:
@@ -81,12 +101,12 @@ def _is_of_single_samples(candidate: Traceable) -> bool:
     return belongs_to_record(candidate) and (bool(candidate.traits.wrong_samples_of) or candidate.regularity is not Regularity.REGULAR)
 
 
-def _at_base(flight: Flight, base: FittedModel, added: Sequence[Traceable] = (), starts: Mapping[str, float] | None = None) -> FittedModel | None:
-    """The set of ``base``, with what is ``added``, fitted to all records of the flight, from where ``base`` was fitted to some of them."""
-    effects, everything = (*base.effects, *added), range(len(flight.records))
+def _at_base(flight: Flight, base: FittedModel) -> FittedModel | None:
+    """The set of ``base`` fitted to all records of the flight, from where it was fitted to some of them."""
+    everything = range(len(flight.records))
     if [problem.record for problem in base.fit.layout.problems] == list(flight.records):
-        return flight.fit(effects, everything, base.values, starts)
+        return flight.fit(base.effects, everything, base.values)
     # What records share is known, and of what belongs to each the middle of those that were fitted.
     own = [name for effect in base.effects for name in local_names(effect)]
     middle = {name: float(np.mean([values[name] for values in base.values.own])) for name in own if name in base.values.own[0]}
-    return flight.fit(effects, everything, None, {**base.values.shared, **middle, **(starts or {})})
+    return flight.fit(base.effects, everything, None, {**base.values.shared, **middle})

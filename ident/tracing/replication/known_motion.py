@@ -37,13 +37,13 @@ def motion_that_stands(
     rivals = [c for c in candidates if belongs_to_record(c) and c.name not in base.names and not c.traits.guard]
     findings = screen(plain, [*known, *rivals], search_context(plain))
     results = [item for item in (weigh(flight, plain, finding, before) for finding in findings) if item is not None]
-    standing = [item for item in results if item.stands]
-    aliases = {alias for effect in known for alias in effect.aliases}
-    mine = [item for item in standing if item.effect.name in base.names] or [item for item in standing if item.effect.name in aliases]
     best = choose(results, flight.witness)
-    if best is None or not mine:
+    if best is None:
         return None, results
     members = (best.best, *best.others)
     # Where others do as well it comes first: any record has it.
-    first = next((item for item in members if item in mine), None)
+    first = next((item for item in members if item.stands and item.effect.name in base.names), None)
+    believed = any(item.stands for item in results if item.effect.name in base.names)
+    if first is None and not believed and best.best.effect.name in {alias for effect in known for alias in effect.aliases}:
+        first = best.best
     return (None if first is None else CrossValidatedEffect(first, tuple(item for item in members if item is not first), best.sets)), results

@@ -42,11 +42,15 @@ def event_that_stands(
     trained = [trained_without(flight, fitted, r) for r in range(len(flight.records))]
     shown = [(finding, gains) for finding in usable if (gains := _gains(flight, finding, before, trained))]
     shown.sort(key=lambda item: -max(gain for gain, _ in item[1].values()))
-    results = [item for finding, gains in shown[:1] if (item := _weighed(flight, fitted, finding, before, gains, most)) is not None]
-    if not results or not results[0].stands:
-        # One that brings most and does not stand alone says that none does.
-        return None, results
-    results += [item for finding, gains in shown[1:] if (item := _weighed(flight, fitted, finding, before, gains, most)) is not None]
+    results: list[CrossValidation] = []
+    for finding, gains in shown:
+        item = _weighed(flight, fitted, finding, before, gains, most)
+        results += [item] if item is not None else []
+        if results and not results[0].stands:
+            # One that brings most and does not stand alone says that none does.
+            return None, results
+    if not results:
+        return None, []
     ordered = sorted(results, key=lambda item: -item.gain)
     first, standing = ordered[0], [item for item in ordered if item.stands]
     alike = [item for item in standing[1:] if 2.0 * (first.gain - item.gain) < thresholds.ALTERNATIVE]

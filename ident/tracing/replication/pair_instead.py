@@ -10,7 +10,7 @@ from ident.tracing.replication.by_record import Flight, most_telling
 from ident.tracing.replication.coloured_null import coloured_gain
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
 from ident.tracing.replication.error_reduction import reduction
-from ident.tracing.replication.one_step import Tried, weigh_all
+from ident.tracing.replication.one_round import Tried, weigh_all
 from ident.tracing.replication.weighing import fitted_change
 from ident.tracing.screening.pairs import likely_pairs
 from ident.tracing.screening.score_test import Finding
@@ -28,14 +28,15 @@ def pair_instead(flight: Flight, candidates: Sequence[Traceable], first: Tried, 
     pairs = likely_pairs(first.findings, names, float(first.fitted.fit.counts.sum()))
     children = [child for each in pairs if (child := _fit_pair(flight, first.fitted, each)) is not None]
     best = min(children, key=lambda child: child.fit.cost, default=None)
-    compared: list[CrossValidation] = []
+    begun: Tried | None = None
     if best is None or not _promises(flight, first, best, found):
-        best, compared = _beside_the_rival(flight, candidates, first)
+        begun = _beside_the_rival(flight, candidates, first) if len(found) > 1 else None
+        best = begun.chosen.best.fitted if begun is not None and begun.chosen is not None else None
     if best is None:
-        return None, compared
-    pair, tried = _validated(flight, candidates, first, best)
+        return None, list(begun.results) if begun is not None else []
+    pair, compared = _validated(flight, candidates, first, best, begun)
     better = pair is not None and _better(flight, first, best, pair, found)
-    return (pair if better else None), [*compared, *tried]
+    return (pair if better else None), compared
 
 
 def _promises(flight: Flight, first: Tried, best: FittedModel, found: Sequence[CrossValidatedEffect]) -> bool:
@@ -50,16 +51,16 @@ def _vouched(flight: Flight, first: Tried, best: FittedModel) -> bool:
     return all(flight.witness(effect.name, most_telling(best, effect)) > 0 for effect in best.effects[len(first.fitted.effects) :])
 
 
-def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel) -> Pair:
-    """The two of a fitted model, each cross-validated with the other in it, the stronger first."""
+def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel, begun: Tried | None) -> Pair:
+    """The two of a fitted model, each cross-validated with the other in it, the stronger first; ``begun`` : the round beside one, if made."""
     pair = best.effects[len(first.fitted.effects) :]
     validated: list[CrossValidatedEffect] = []
     compared: list[CrossValidation] = []
     one = pair[0]
     for _ in range(2):
         # The second may be another than the pair's, where that does better; the first has to come out again with it in the model.
-        alone = flight.fit((*first.fitted.effects, one), range(len(flight.records)), best.values)
-        step = weigh_all(flight, candidates, alone) if alone is not None else None
+        step = begun or _beside(flight, candidates, first, best, one)
+        begun = None
         compared += step.results if step is not None else []
         if step is None or step.chosen is None:
             return None, compared
@@ -69,29 +70,32 @@ def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, be
     return (validated[::-1] if pair[0].name in came_out else None), compared
 
 
+def _beside(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel, one: Traceable) -> Tried | None:
+    """The round beside one effect of a pair."""
+    alone = flight.fit((*first.fitted.effects, one), range(len(flight.records)), best.values)
+    return weigh_all(flight, candidates, alone) if alone is not None else None
+
+
 def _better(flight: Flight, first: Tried, best: FittedModel, pair: Sequence[CrossValidatedEffect], found: Sequence[CrossValidatedEffect]) -> bool:
     """Whether the error on records left out falls by what is worth it, beyond its scatter; or does not rise, and one-step predictions gain much."""
     last = found[-1].best.predictions if found else first.before
     common = sorted(last.keys() & pair[0].best.predictions.keys())
     before, after = [last[r] for r in common], [pair[0].best.predictions[r] for r in common]
     lowered = reduction(before, after)
-    if found and lowered.total < 0.0 and coloured_gain(before, after) > thresholds.BY_ONE_STEP:
+    if len(found) > 1 and lowered.total < 0.0 and coloured_gain(before, after) > thresholds.BY_ONE_STEP:
         return True
     least = 0.0 if _vouched(flight, first, best) else thresholds.NO_PREFERENCE if len(found) > 1 else thresholds.WORTH
     return lowered.total < -max(least, thresholds.BEYOND_ITS_SCATTER * lowered.scatter)
 
 
-def _beside_the_rival(flight: Flight, candidates: Sequence[Traceable], first: Tried) -> tuple[FittedModel | None, list[CrossValidation]]:
-    """A pair that begins with an effect that was not chosen although, with any colour allowed for, it brings more than what was."""
+def _beside_the_rival(flight: Flight, candidates: Sequence[Traceable], first: Tried) -> Tried | None:
+    """The round beside an effect that was not chosen although, with any colour allowed for, it brings more than what was; None without one."""
     if first.chosen is None:
-        return None, []
+        return None
     best = first.chosen.best
     taken = {id(item) for item in (best, *first.chosen.others)}
     rivals = [item for item in first.results if item.stands and id(item) not in taken and not item.effect.traits.guard and item.gain > best.gain]
-    begun = weigh_all(flight, candidates, max(rivals, key=lambda item: item.gain).fitted) if rivals else None
-    if begun is None:
-        return None, []
-    return (begun.chosen.best.fitted if begun.chosen is not None else None), list(begun.results)
+    return weigh_all(flight, candidates, max(rivals, key=lambda item: item.gain).fitted) if rivals else None
 
 
 def _fit_pair(flight: Flight, fitted: FittedModel, pair: tuple[Finding, Finding]) -> FittedModel | None:

@@ -10,13 +10,13 @@ import numpy as np
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import why_no_set, why_not
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event, never_together
 from ident.tracing.candidate_model.quantities import implausible, quantities, records_of
 from ident.tracing.diagnosis import Candidate, Claim, Evidence, Quantity, Step
 from ident.tracing.equivalents import same_by_value
 from ident.tracing.replication.by_record import choosing_records, most_telling, recordings
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
-from ident.tracing.replication.cross_validation import cross_validate, with_events_again
+from ident.tracing.replication.cross_validation import cross_validate, weighed_again
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.weighed import Ground, Weighed
@@ -76,12 +76,11 @@ def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: 
 
 
 def on_other_samples(ledger: Ledger, base: FittedModel, held: HeldOutData, before: Validated) -> tuple[Ledger, Partial | None]:
-    """What was cross-validated, on samples of which a few others are set aside: what acts throughout is only fitted and judged anew."""
+    """What was cross-validated, weighed again on samples of which a few others are set aside; what was not is not looked for anew."""
     flight = choosing_records(ledger.problem, held)
-    chosen, tried = with_events_again(flight, ledger.problem.candidates, base, before.chosen, len(ledger.problem.records))
-    if not chosen:
-        return ledger, None
-    return as_partial(ledger, base, held, Validated(chosen, [*(item for item in before.compared if not is_event(item.effect)), *tried]))
+    return as_partial(
+        ledger, base, held, Validated(*weighed_again(flight, ledger.problem.candidates, base, before.chosen, len(ledger.problem.records)))
+    )
 
 
 def _as_printed(
@@ -94,7 +93,7 @@ def _as_printed(
     left = list(chosen)
     while left:
         added = [item.best.effect for item in left if item.best.effect.name not in base.names]
-        kept = [effect for effect in base.effects if not any(other.name in effect.traits.never_beside for other in added)]
+        kept = [effect for effect in base.effects if not any(never_together(effect, other) for other in added)]
         # The place of an event is where it was found, which no start that records share can say.
         begin = left[-1].best.fitted if is_event(left[-1].best.effect) else base
         ledger, fitted = fit(ledger, (*kept, *added), begin, _starts(left))

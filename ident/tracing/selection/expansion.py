@@ -9,7 +9,7 @@ import numpy as np
 from ident.process_noise.filter_error import turbulence_worth_trying
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, is_event
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, is_event, never_together
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
@@ -35,7 +35,11 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     findings = [
         finding
         for finding in screen(fitted, problem.candidates, search_context(fitted, problem.predicted))
-        if not (_excluded(fitted, finding.effect) or isinstance(finding.effect, NoiseEffect) or finding.effect.traits.background)
+        if not (
+            any(never_together(other, finding.effect) for other in fitted.effects)
+            or isinstance(finding.effect, NoiseEffect)
+            or finding.effect.traits.background
+        )
         and not only_beside_another(finding.effect)
     ]
     if fuller is not fitted and not _waits(findings, fitted.fit.cost - fuller.fit.cost):
@@ -88,16 +92,21 @@ def with_process_noise(ledger: Ledger, fitted: FittedModel, number: int) -> tupl
 def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int) -> tuple[Ledger, FittedModel | None]:
     """A set with one more effect, fitted from the best few of its starts; None where none comes out better than without it."""
     best: FittedModel | None = None
-    for start in finding.starts[:starts]:
+
+    def tried(ledger: Ledger, start: Mapping[str, float]) -> Ledger:
+        nonlocal best
         ledger, child = fit(ledger, (*fitted.effects, finding.effect), fitted, start, rough=True)
         if child is not None and (best is None or child.fit.cost < best.fit.cost):
             best = child
+        return ledger
+
+    for start in finding.starts[:starts]:
+        ledger = tried(ledger, start)
     brought = fitted.fit.cost - best.fit.cost if best is not None else 0.0
     elsewhere = _where_it_was_found(ledger, fitted, finding) if brought < thresholds.RIVAL * finding.gain else None
     if elsewhere is not None:
         # Slopes point the wrong way across a limit: where another set has it is a start as good.
-        ledger, child = fit(ledger, (*fitted.effects, finding.effect), fitted, elsewhere, rough=True)
-        best = child if child is not None and (best is None or child.fit.cost < best.fit.cost) else best
+        ledger = tried(ledger, elsewhere)
     if best is None or best.fit.cost > fitted.fit.cost:
         # The projection, which knows slopes only, led astray: from near absence no fit can fail.
         ledger, again = fit(ledger, (*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0]), rough=True)
@@ -224,12 +233,6 @@ def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tupl
     if again is None or again.fit.cost >= fitted.fit.cost - thresholds.BETTER_PLACE:
         return ledger, fitted
     return ledger.kept(again, ledger.score(fitted) - 2.0 * (fitted.fit.cost - again.fit.cost)), again
-
-
-def _excluded(fitted: FittedModel, effect: Traceable) -> bool:
-    """One late effect per sensor: a lag and a delay of the same channel are one thing described twice; likewise what is never beside another."""
-    barred = {*effect.traits.twins, *effect.traits.never_beside}
-    return any(other.name in barred or effect.name in other.traits.never_beside for other in fitted.effects)
 
 
 def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, others: tuple[str, ...]) -> Candidate:

@@ -35,7 +35,7 @@ def near_aliases(ledger: Ledger, best: FittedModel, within: float) -> tuple[Ledg
 
 
 def guards_for_events(ledger: Ledger, best: FittedModel, within: float) -> Ledger:
-    """With sets fitted that have a guard in the place of an event, where that brought half as much as the event or more wherever both were tried.
+    """With sets fitted that have a guard in the place of an event, where that brought half as much, or more, at a set that both were tried at.
 
     A search that is content with an event does not come to the guard that does as well.
     """
@@ -43,7 +43,8 @@ def guards_for_events(ledger: Ledger, best: FittedModel, within: float) -> Ledge
     for effect in best.effects:
         if not is_event(effect):
             continue
-        brought = {seen.within: seen.gain for seen in ledger.evidence if seen.name == effect.name and seen.fitted}
+        tries = sorted((seen for seen in ledger.evidence if seen.name == effect.name and seen.fitted), key=lambda seen: seen.gain)
+        brought = {seen.within: seen.gain for seen in tries}
         rivals = {seen.name for seen in ledger.evidence if seen.name in guards and seen.gain > thresholds.RIVAL * brought.get(seen.within, np.inf)}
         rest = frozenset(best.names) - {effect.name}
         ledger, _ = _in_the_place_of(ledger, best, effect, {name for name in rivals if rest | {name} not in ledger.models}, within)

@@ -38,7 +38,9 @@ def all_visible(paper: Paper, values: Values, flight: Flight) -> bool:
     for item in model.initial:
         moved = model.with_initial(model.initial.with_values({item.name: item.value + SLOPE * max(abs(item.value), LEAST_STATE)}))
         elsewhere = replace(flight, setting=replace(flight.setting, model=moved))
-        columns.append((_whitened(paper, values, elsewhere, {}) - true).reshape(-1, 1) / SLOPE)
+        there = _whitened(paper, values, elsewhere, {})
+        if there.shape == true.shape:
+            columns.append((there - true).reshape(-1, 1) / SLOPE)
     gone = {name: (_whitened(paper, {k: v for k, v in values.items() if k != name}, flight, {}) - true).reshape(-1, 1) for name in asked}
     return all(_left([*columns, *(other for key, other in gone.items() if key != name)], gone[name]) > LEAST for name in asked)
 

@@ -81,6 +81,7 @@ class ElasticMode:
         return Traits(
             sentences=("the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",),
             short_name="bending structure",
+            # A structure has .01 to .05, and with what the air takes from a first wing bending up to about .15.
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.2)},
             oscillates=("frequency",),
             static_parts=AT_REST,

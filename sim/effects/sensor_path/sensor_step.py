@@ -58,6 +58,7 @@ class SensorStep:
         return Traits(
             sentences=("the zero of the {channel} jumps by {size} at {at}",),
             separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
+            # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows, and its channels go on from elsewhere.
             plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)},
             onset="at",
             per_record=True,

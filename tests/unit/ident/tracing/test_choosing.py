@@ -178,7 +178,11 @@ def test_after_late_spikes_what_replicates_is_fitted_anew_and_asked_anew_where_t
     assert len(asked) == (1 if few else 2) and (few or asked[1][1] is final.partial)
     assert few or all(np.array_equal(a, b) for a, b in zip(asked[1][0].problem.masks, final.ledger.problem.masks, strict=True))
     assert final.partial is not None and [claim.name for claim in final.partial.claims] == [claim.name for claim in found.partial.claims]
-    assert any(item.held_out_change is not None for item in final.ledger.evidence)
+    # Nothing that was found on the other samples is told of these.
+    before = {(item.within, item.name, item.gain) for item in found.ledger.evidence if item.held_out_change is not None}
+    after = {(item.within, item.name, item.gain) for item in final.ledger.evidence if item.held_out_change is not None}
+    assert after and not before & after
+    assert len({step.sentence for step in final.ledger.steps}) == len(final.ledger.steps)
     assert final.best is final.partial.fitted and final.best is not found.best
     assert all(final.ledger.problem.holds(model) for model in (final.best, final.root, *final.ledger.models.values()))
 

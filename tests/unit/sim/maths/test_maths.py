@@ -200,5 +200,6 @@ def test_a_float_gives_what_an_array_gives_and_never_raises(function: Callable[[
 
 
 def test_an_exponential_beyond_the_range_is_infinite_of_a_complex_step_too() -> None:
-    assert exp(complex(800.0, 1e-20)) == complex(math.inf, math.inf)
+    assert exp(complex(800.0, 1e-20)) == complex(math.inf, math.inf) and exp(complex(800.0, 0.0)) == complex(math.inf, 0.0)
+    assert log(0j) == complex(-math.inf, 0.0)
     assert exp(complex(2.0, 1e-20)).imag == pytest.approx(1e-20 * math.exp(2.0))

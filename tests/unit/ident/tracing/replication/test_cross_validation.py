@@ -13,7 +13,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, Values
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidatedEffect
 from ident.tracing.replication.cross_validation import _at_base, cross_validate
-from ident.tracing.replication.one_step import _in_full, _promising, weigh_all
+from ident.tracing.replication.one_round import _promising, _with_fitted, weigh_all
 from ident.tracing.replication.pair_instead import pair_instead
 from ident.tracing.replication.weighing import within_reach, without_record
 from ident.tracing.screening.context import search_context
@@ -117,20 +117,25 @@ def test_all_records_are_fitted_from_where_the_same_records_were_fitted_before(m
     assert more is not None and asked[1] is None and more.fit.cost == pytest.approx(base.fit.cost, abs=5.0)
 
 
-def test_what_a_fit_brings_goes_before_what_its_projection_promises() -> None:
+def test_what_a_search_found_in_full_is_tried_from_there_beside_what_a_projection_promises() -> None:
     flight = all_records([coloured(planted([LATE], {"sensor-delay:alpha.delay": 0.08}, seed), seed) for seed in (1, 2, 3)])
     root = root_of(flight)
     full = flight.fit((LATE,), range(3), root.values)
     assert full is not None
-    projected = screen(root, [LATE, SCALED], search_context(root))
-    small = [replace(finding, gain=0.01 * finding.gain) for finding in projected]
-    told = {finding.effect.name: finding for finding in _in_full(small, root, [root, full])}
-    late, scaled = told[LATE.name], told[SCALED.name]
-    assert late.gain == root.fit.cost - full.fit.cost and late.starts[0] == {
-        "sensor-delay:alpha.delay": full.values.shared["sensor-delay:alpha.delay"]
-    }
-    assert scaled.gain == 0.01 * next(finding.gain for finding in projected if finding.effect.name == SCALED.name)
-    assert _in_full(small, full, [root, full]) == sorted(small, key=lambda finding: -finding.gain)  # fits at another set say nothing here
+    found = {finding.effect.name: finding for finding in screen(root, [LATE, SCALED], search_context(root))}
+    # As if the projection had seen little of the delay.
+    weak, other = replace(found[LATE.name], gain=1.0), found[SCALED.name]
+    known = {"sensor-delay:alpha.delay": full.values.shared["sensor-delay:alpha.delay"]}
+    tried = _with_fitted(root, [other, weak], [other], root, [root, full])
+    assert [finding.effect.name for finding in tried] == [SCALED.name, LATE.name] and tried[1].starts[0] == known
+    # Pairs are proposed by projections, which no fit may replace.
+    assert tried[1].gain == 1.0 and tried[1].contribution is weak.contribution
+    (among,) = _with_fitted(root, [other, weak], [weak], root, [full])
+    assert among.starts[0] == known
+    # A fit at another set says nothing here, nor does one that brings less than what is tried anyway.
+    assert _with_fitted(root, [other, weak], [other], full, [root, full]) == [other]
+    strong = replace(other, gain=1e9)
+    assert _with_fitted(root, [strong, weak], [strong], root, [full]) == [strong]
 
 
 def test_a_pair_may_begin_with_what_was_not_chosen_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -145,6 +150,9 @@ def test_a_pair_may_begin_with_what_was_not_chosen_first(monkeypatch: pytest.Mon
     # As if another had been chosen that predicts no better than the declared model.
     weak = CrossValidatedEffect(replace(first.chosen.best, gain=0.1, predictions=first.before), ())
     begun = replace(first, results=[first.chosen.best], chosen=weak)
-    pair, tried = pair_instead(flight, (scale, late), begun, [weak])
+    pair, tried = pair_instead(flight, (scale, late), begun, [weak, weak])
     assert pair is not None and {item.best.effect.name for item in pair} == {scale.name, late.name} and tried
-    assert pair_instead(flight, (scale, late), replace(begun, results=[weak.best]), [weak]) == (None, [])
+    # No round is made twice.
+    assert len({(item.effect.name, item.fitted.names) for item in tried}) == len(tried)
+    assert pair_instead(flight, (scale, late), begun, [weak])[0] is None, "of one effect two more are no other pair"
+    assert pair_instead(flight, (scale, late), replace(begun, results=[weak.best]), [weak, weak]) == (None, [])

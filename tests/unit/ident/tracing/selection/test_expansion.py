@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, never_together
 from ident.tracing.screening.score_test import Finding
-from ident.tracing.selection.expansion import _accepted, _excluded, _from_child, best_fit, near_absence
+from ident.tracing.selection.expansion import _accepted, _from_child, best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.tracing_problem import fit_of, planted, problem_of
 
@@ -84,10 +85,9 @@ def test_children_that_know_the_same_better_optimum_of_their_parent_lower_its_sc
 def test_a_phugoid_and_an_even_change_of_speed_are_never_put_side_by_side() -> None:
     """Two laws of one thing."""
     phugoid, even, scale = Phugoid(), SpeedVariation(), SensorScale("nz")
-    problem = problem_of([planted()], (phugoid, even, scale))
-    with_phugoid, with_even = fit_of(problem, [phugoid]), fit_of(problem, [even])
-    assert _excluded(with_phugoid, even) and _excluded(with_even, phugoid)
-    assert not _excluded(with_phugoid, scale) and not _excluded(with_even, scale)
+    assert never_together(phugoid, even) and never_together(even, phugoid)
+    assert not never_together(phugoid, scale) and not never_together(scale, even)
+    assert never_together(SensorDelay("q"), SensorLag("q")) and not never_together(SensorDelay("q"), SensorLag("alpha"))
 
 
 def test_what_the_projection_loses_begins_where_another_set_found_it() -> None:
