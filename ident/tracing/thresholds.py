@@ -93,6 +93,7 @@ FEWEST_SECONDS = 20  # chosen: with fewer the correlation could not reach that p
 AGREE = 3.0  # theorem: corrected sigmas, one in 370 by chance
 LEAST_SIGMA = 0.05  # of a value. chosen: no record's value weighs as if it were known better, since small causes differ between records
 ALIKE = 0.4  # of the mean. chosen: two values that close are one value to anyone who uses them
+MANY_RECORDS, STILL_MOST = 4, 0.5  # chosen: one of four or more may have a noisy value of its own; half the power is what is left to it
 KNOWN = 0.5  # chosen: a record whose sigma is half the value does not tell it
 OFF_ABSENCE = 2.0  # theorem: two sigmas, one in twenty by chance in a record
 CLEARLY_OFF_ABSENCE = 4.0  # theorem: one in 16,000 by chance, since the best of many candidates is asked

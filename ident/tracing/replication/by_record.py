@@ -137,8 +137,10 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
     """Whether the common parameters of an effect do in each record what its own do.
 
     In twice the log likelihood of a record, expanded about its own parameters: what the common ones lose there, over what the effect as a
-    whole brings. ``thresholds.ALIKE`` of it may differ, squared, or what ``thresholds.AGREE`` sigmas a parameter are.
+    whole brings. ``thresholds.ALIKE`` of it may differ, squared, or what ``thresholds.AGREE`` sigmas a parameter are. Of many records one may
+    differ by more, where the common ones still do most of it: it may hardly have moved what the effect needs.
     """
+    odd: list[float] = []
     covariance, _ = fit_covariance(fitted.fit)
     names = fitted.fit.layout.names
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
@@ -151,8 +153,8 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
         acting = [i for i, name in enumerate(mine) if name in absent]
         whole = _squared_distance(covariance, [at[i] for i in acting], own[acting] - np.array([absent[mine[i]] for i in acting]))
         if lost > max(thresholds.AGREE**2 * len(at), thresholds.ALIKE**2 * whole):
-            return False
-    return True
+            odd.append(lost / whole if whole > 0.0 else np.inf)
+    return not odd or (len(fitted.fit.layout.problems) >= thresholds.MANY_RECORDS and len(odd) == 1 and odd[0] < thresholds.STILL_MOST)
 
 
 def _squared_distance(covariance: np.ndarray, at: Sequence[int], away: np.ndarray) -> float:
