@@ -44,6 +44,7 @@ class Traits:
     tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
     onset : local name of the time from which it acts, searched for over the record; empty where there is none.
+    jumps : the output whose reading jumps at the onset by ``size``: in a record of that output alone it may be the motion in rows that were lost.
     lasts : local name of the time that an event lasts: where it is no longer than two samples, the recorder did it, and no force.
     per_record : True where the effect belongs to one record (an event, a drift): its parameters are fitted anew for each record, and it
         needs not act on all of them. Those in ``of_aircraft`` are excepted.
@@ -75,6 +76,7 @@ class Traits:
     tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()
     onset: str = ""
+    jumps: str = ""
     lasts: str = ""
     per_record: bool = False
     of_aircraft: tuple[str, ...] = ()

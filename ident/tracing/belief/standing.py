@@ -50,11 +50,36 @@ def in_a_gap(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMod
     return None
 
 
+def in_lost_rows(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> float:
+    """Seconds of the motion that a jump of the only output makes good, where it goes that way by several samples; zero elsewhere.
+
+    Rows that a recorder lost do as much; other outputs would go on from elsewhere at once.
+    """
+    problems = fitted.fit.layout.problems
+    if not effect.traits.jumps or fitted.system.output_names != (effect.traits.jumps,):
+        return 0.0
+    at, size = found[effect.traits.onset].value, found["size"].value
+    for problem in problems:
+        time, values = problem.record.time, problem.record[effect.traits.jumps].values
+        before = np.flatnonzero((time < at) & np.isfinite(values))[-thresholds.ROWS_BEFORE :]
+        if len(before) < thresholds.ROWS_BEFORE or at > time[-1]:
+            continue
+        rate = float(np.polyfit(time[before] - at, values[before], 1)[0])
+        lost = size / rate if rate else 0.0
+        if lost >= thresholds.GAP * float(np.median(np.diff(time))):
+            return lost
+    return 0.0
+
+
 def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> Caution | None:
     """Why an effect with these parameters is not claimed; None where its own numbers allow it."""
     interval, gap = sampling_interval(fitted), in_a_gap(effect, found, fitted)
     if gap is not None:
         told = f"what fits best is {effect.name} where rows are missing ({gap[0]:g} to {gap[1]:g} s): an input that was not recorded does as much"
+        return Caution(Concern.ROWS_MISSING, told)
+    lost = in_lost_rows(effect, found, fitted)
+    if lost > 0.0:
+        told = f"what fits best is {effect.name}, but it goes as far as the motion in {lost:.2g} s: rows that the recorder lost do as much"
         return Caution(Concern.ROWS_MISSING, told)
     lasts = found.get(effect.traits.lasts)
     if lasts is not None and lasts.value < thresholds.SHORTEST_EVENT * interval:

@@ -25,7 +25,7 @@ class SensorStep:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size; believed up to fifty times that. width : of the edge, s.
+    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times that. width : of the edge, s.
     """
 
     channel: str
@@ -61,6 +61,7 @@ class SensorStep:
             # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows, and its channels go on from elsewhere.
             plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)},
             onset="at",
+            jumps=self.channel,
             per_record=True,
         )
 

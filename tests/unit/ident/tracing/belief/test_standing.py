@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from ident.tracing.belief.standing import in_a_gap, too_fast, undetermined, why_not
+from ident.tracing.belief.standing import in_a_gap, in_lost_rows, too_fast, undetermined, why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Concern, Quantity
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
@@ -16,6 +18,7 @@ from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Channel, Record
 from tests.tracing_problem import fit_of, planted, problem_of
@@ -100,3 +103,24 @@ def test_an_event_no_longer_than_two_samples_is_the_recorders(fitted: FittedMode
     lasts = (samples * 0.02, 1e-4, "s")
     why = why_not(UnmeasuredInput(), told(start=(4.0, 0.01, "s"), duration=lasts, moment=(0.01, 0.001, "1")), fitted)
     assert (why is None or "the recorder did that" not in why.sentence) is stands
+
+
+@pytest.mark.parametrize(("size", "lost"), [(-1140.0, 0.6), (-100.0, 0.0), (1140.0, 0.0)], ids=["with the motion", "a few metres", "against it"])
+def test_a_jump_of_the_only_output_as_far_as_the_motion_goes_may_be_rows_that_were_lost(size: float, lost: float) -> None:
+    """A body that falls at 1900 m/s, recorded ten times a second."""
+    time = np.arange(0.0, 12.0, 0.1)
+    record = Record(time, (), (Channel.of("altitude", "m", 5e4 - 1900.0 * time),))
+    problem = SimpleNamespace(record=record)
+
+    def fall(*outputs: str) -> FittedModel:
+        fit = SimpleNamespace(layout=SimpleNamespace(problems=(problem,)))
+        return cast("FittedModel", SimpleNamespace(fit=fit, system=SimpleNamespace(output_names=outputs)))
+
+    found = {"at": Quantity(6.04, 0.01, "s"), "size": Quantity(size, 2.0, "m")}
+    step = SensorStep("altitude", "m", 50.0)
+    assert in_lost_rows(step, found, fall("altitude")) == pytest.approx(lost, rel=1e-6)
+    why = why_not(step, found, fall("altitude"))
+    assert (why is not None and why.concern is Concern.ROWS_MISSING and "0.6 s" in why.sentence) is (lost > 0.0)
+    # Another output would go on from elsewhere at once, and another effect does not jump.
+    assert in_lost_rows(step, found, fall("altitude", "velocity")) == 0.0
+    assert in_lost_rows(SensorScale("altitude"), found, fall("altitude")) == 0.0

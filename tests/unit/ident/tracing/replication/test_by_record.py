@@ -12,7 +12,7 @@ from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
-from tests.tracing_problem import all_records, part, planted
+from tests.tracing_problem import all_records, doublets, part, planted
 
 LATE = SensorDelay("alpha")
 
@@ -99,3 +99,26 @@ def test_of_many_parameters_what_they_do_has_to_agree() -> None:
         return replicate(flight, fitted, MOMENT_NONLINEARITY).agrees
 
     assert agrees(values, values) and not agrees(values, turned)
+
+
+@pytest.mark.parametrize(
+    ("losses", "agrees"),
+    [
+        ((0.1, 0.1, 0.1, 0.1), True),
+        ((0.1, 0.1, 0.1, 0.4), True),
+        ((0.1, 0.1, 0.1, 0.6), False),
+        ((0.1, 0.1, 0.4, 0.4), False),
+        ((0.1, 0.1, 0.4), False),
+    ],
+    ids=["all agree", "one of four by a little", "one of four by much", "two of four", "one of three"],
+)
+def test_of_four_records_one_may_differ_where_the_common_values_still_do_most(
+    monkeypatch: pytest.MonkeyPatch, losses: tuple[float, ...], agrees: bool
+) -> None:
+    """``losses`` : what the common values lose in each record, over what the effect brings there; a sixth is no difference."""
+    flight = all_records([planted([], None, seed, flight=doublets(4.0, 25.0)) for seed in range(len(losses))])
+    fitted = flight.fit((MOMENT_NONLINEARITY,), range(len(losses)), None)
+    assert fitted is not None
+    told = iter([part for lost in losses for part in (1e6 * lost, 1e6)])
+    monkeypatch.setattr("ident.tracing.replication.by_record._squared_distance", lambda *of: next(told))
+    assert replicate(flight, fitted, MOMENT_NONLINEARITY).agrees is agrees
