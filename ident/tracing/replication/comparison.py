@@ -65,7 +65,9 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     # of what is worth a claim.
     tried = [item for item in results if not item.stands and (item.replication.values or _falls_just_short(item))]
     alike = [item for item in tried if _same_trace(item, best) and _as_good(item, best)]
-    others = sorted((item for item in (*equals, *alike) if item is not best), key=lambda item: item.reduction.total)
+    # The best of those that are equal may have equals of its own, beside the one that predicts best.
+    close = [item for item in standing if item not in equals and _as_good(item, best)]
+    others = sorted((item for item in (*equals, *close, *alike) if item is not best), key=lambda item: item.reduction.total)
     rivals = [item for item in (*standing, *alike, *guards) if item is not best and item.reduction.total < 0.0]
     return CrossValidatedEffect(best, tuple(others), (_compared(best, best), *(_compared(item, best) for item in rivals)))
 

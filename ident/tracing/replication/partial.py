@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,7 +69,7 @@ def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: 
     said = {item.best.effect.name for item in chosen}
     claims = (
         *(_of_background(fitted, effect) for effect in base.effects if effect.name in fitted.names and effect.name not in said),
-        *(_claim(fitted, item) for item in chosen),
+        *(_claim(fitted, item, said - {item.best.effect.name}) for item in chosen),
     )
     events_alone = all(is_event(item.best.effect) for item in chosen)
     return ledger, Partial(claims, fitted, predicted_by(fitted, held), validated, events_alone)
@@ -112,9 +112,10 @@ def _starts(validated: Sequence[CrossValidatedEffect]) -> dict[str, float]:
     return {name: value for fitted in fitted_models for name, value in fitted.values.shared.items() if name not in fitted.declared.parameters}
 
 
-def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
+def _claim(fitted: FittedModel, item: CrossValidatedEffect, beside: Collection[str]) -> Claim:
+    """The claim of one effect; what is claimed ``beside`` it was weighed against it before both were in the model, and does not speak against it."""
     best = item.best
-    members = (best, *item.others[: thresholds.ALTERNATIVES_NAMED])
+    members = (best, *[other for other in item.others if other.effect.name not in beside][: thresholds.ALTERNATIVES_NAMED])
     evidence = Evidence(
         best.reduction.share,
         float(best.reduction.share * best.reduction.scatter),
@@ -122,8 +123,8 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect) -> Claim:
         {member.effect.name: _derivatives(member.fitted) for member in members},
         best.fitted.names[:-1],
     )
-    alternatives = tuple(other.effect.name for other in item.others[: thresholds.ALTERNATIVES_NAMED])
-    weighed = Weighed(Ground.CROSS_VALIDATED, item.sets)
+    alternatives = tuple(other.effect.name for other in item.others if other.effect.name not in beside)[: thresholds.ALTERNATIVES_NAMED]
+    weighed = Weighed(Ground.CROSS_VALIDATED, tuple(each for each in item.sets if not set(each.names) & set(beside)))
     if belongs_to_record(best.effect):
         # Each record has its own value: there is no mean of them to be known.
         own = most_telling(fitted, best.effect)

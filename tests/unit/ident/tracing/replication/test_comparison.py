@@ -97,3 +97,16 @@ def test_of_equals_a_witness_decides_and_only_then_is_asked(late: Flight) -> Non
     assert sorted(asked) == sorted([LATE.name, SCALED.name])
     asked.clear()
     assert (third := choose([one, standing(SCALED, fitted, before, 0.8)], witness)) is not None and third.best is one and asked == []
+
+
+def test_what_does_as_well_as_the_one_that_is_named_is_told_though_a_dearer_one_predicts_better(late: Flight) -> None:
+    """A curve leaves 57 %, an effect of one parameter, which is named, 58.5 %, and another one 60 %: equal to the second, not to the first."""
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    curve = standing(replace(MOMENT_NONLINEARITY, low=-0.1, high=0.1), fitted, before, 0.57)
+    named, other = standing(LATE, fitted, before, 0.585), standing(SCALED, fitted, before, 0.60)
+    for apart, item in enumerate((curve, named, other)):
+        item.finding.contribution[:] = np.eye(3)[apart]
+    chosen = choose([curve, named, other])
+    assert chosen is not None and chosen.best is named and [item.effect.name for item in chosen.others] == [MOMENT_NONLINEARITY.name, SCALED.name]

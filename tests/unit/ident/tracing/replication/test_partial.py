@@ -23,7 +23,7 @@ from ident.tracing.replication.weighing import weigh
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
-from ident.tracing.weighed import Ground
+from ident.tracing.weighed import ComparedSet, Ground
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
@@ -140,6 +140,18 @@ def test_a_second_effect_is_told_beside_the_first() -> None:
         ledger.steps[-1].sentence.startswith(f"{second.name}, with {first.name} already in the model, replicates")
         and "already" not in ledger.steps[-2].sentence
     )
+
+
+def test_what_is_claimed_beside_it_does_not_speak_against_an_effect(found: tuple[Ledger, Partial, Ledger]) -> None:
+    """Before both were in the model they were weighed against each other."""
+    _, partial, _ = found
+    (item,) = partial.validated.chosen
+    rival = replace(item.best, effect=SCALE)
+    rivals = replace(item, others=(rival,), sets=(ComparedSet((LATE.name,), 0.0), ComparedSet((SCALE.name,), 0.0)))
+    alone, beside = (told._claim(partial.fitted, rivals, other) for other in ((), (SCALE.name,)))
+    assert alone.alternatives == (SCALE.name,) and beside.alternatives == ()
+    assert alone.weighed is not None and beside.weighed is not None
+    assert [each.names for each in beside.weighed.sets] == [(LATE.name,)] and len(alone.weighed.sets) == 2
 
 
 def test_an_event_is_claimed_of_its_record_and_needs_no_other() -> None:
