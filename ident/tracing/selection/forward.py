@@ -137,8 +137,13 @@ def _white_with_process_noise(ledger: Ledger, sets: Sequence[FittedModel], numbe
 
 
 def _freer_forms(ledger: Ledger, sets: Sequence[FittedModel]) -> tuple[Ledger, Beam]:
+    """The sets of a beam, the best first, in freer forms; what is far behind one that leaves noise stays, since noise is all that is left to win."""
     out: Beam = []
     for fitted in sets:
+        behind = ledger.score(fitted) - ledger.score(out[0]) if out else 0.0
+        if out and behind > ledger.problem.settings.wide and is_white(out[0]):
+            out.append(fitted)
+            continue
         ledger, freer = freer_form(ledger, fitted)
         out.append(freer)
     return ledger, out
