@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.selection.backward import backward_elimination
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import expand
-from ident.tracing.selection.forward import first_round, forward_selection, hopeless
+from ident.tracing.selection.forward import _freer_forms, first_round, forward_selection, hopeless
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
@@ -134,3 +135,24 @@ def test_a_set_is_hopeless_where_colour_stays_that_process_noise_does_not_take_i
     white, one = problem_of(plain, candidates), problem_of([coloured(plain[0])], candidates)
     assert not hopeless(Ledger(white), fit_of(white))
     assert not hopeless(Ledger(one), fit_of(one))
+
+
+def test_what_is_far_behind_a_set_that_leaves_noise_is_not_tried_in_its_freer_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of([planted([SensorLag("q")], LAG, 1)], (SensorLag("q"), SensorScale("nz")))
+    root = fit_of(problem)
+    right, wrong = fit_of(problem, (SensorLag("q"),), root), fit_of(problem, (SensorScale("nz"),), root)
+    ledger = Ledger(problem).kept(root, root.criterion).kept(right, right.criterion).kept(wrong, wrong.criterion)
+    tried: list[tuple[str, ...]] = []
+
+    def spy(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
+        tried.append(fitted.names)
+        return ledger, fitted
+
+    monkeypatch.setattr("ident.tracing.selection.forward.freer_form", spy)
+    assert _freer_forms(ledger, [right, wrong])[1] == [right, wrong] and tried == [right.names]
+    tried.clear()
+    # Where the best leaves more than noise, or is hardly ahead, each of them is.
+    _freer_forms(ledger, [wrong, root])
+    near = ledger.replaced(wrong, ledger.score(right) + 10.0)
+    _freer_forms(near, [right, wrong])
+    assert tried == [wrong.names, root.names, right.names, wrong.names]
