@@ -226,13 +226,6 @@ class Anticipating(Protocol):
     def anticipates(self) -> bool: ...
 
 
-@runtime_checkable
-class Renaming(Protocol):
-    """Gives the full names of its parameters itself."""
-
-    def rename(self, local: str) -> str: ...
-
-
 def ports_needed(effect: object) -> Sequence[str]:
     """Names of the ports that an effect adds to; none where it does not say."""
     return effect.needs if isinstance(effect, NeedsPorts) else ()
@@ -254,7 +247,7 @@ def in_order(effects: Sequence[Any]) -> list[Any]:
 
 
 def full_name(effect: Effect, local: str) -> str:
-    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2 is ``CL_eta2``."""
+    """Name of an effect's parameter in the model: ``"input-delay.delay"``; ``CL_eta`` of mode 2, which has its own ``rename``, is ``CL_eta2``."""
     # Asked ten thousand times a search, where a test against the protocol costs ten times as much.
     rename: Callable[[str], str] | None = getattr(effect, "rename", None)
     return rename(local) if rename is not None else f"{effect.name}.{local}"

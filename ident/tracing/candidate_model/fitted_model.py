@@ -142,6 +142,12 @@ def free_names(effect: Effect) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
+def shared_start(fitted: FittedModel, effect: Effect) -> dict[str, float]:
+    """Values of an effect's free parameters in a fitted model that has it, by full name, of those that its records share."""
+    known = fitted.values.shared
+    return {name: known[name] for name in free_names(effect) if name in known}
+
+
 def compiled_with(model: Model, effects: Sequence[Traceable], outputs: Sequence[str]) -> tuple[Model, System]:
     """The model with effects, and its System."""
     full = model.with_effects(*effects)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.statistics.coloured_covariance import effective_share
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, never_together
+from ident.tracing.candidate_model.fitted_model import FittedModel, acts_all_along, never_together, shared_start
 from ident.tracing.equivalents import guard_is_likelier
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
@@ -18,7 +18,6 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.expansion import only_beside_another
 from ident.whole_record.gauss_newton import Fit
-from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Traceable
 
 
@@ -71,23 +70,17 @@ def _with_fitted(
     out, further = {finding.effect.name: finding for finding in tried}, []
     for child in known:
         added = [effect for effect in child.effects if effect.name not in base.names]
-        if len(added) != 1 or len(child.effects) != len(base.effects) + 1 or not _is_steady(added[0]):
+        if len(added) != 1 or len(child.effects) != len(base.effects) + 1 or not acts_all_along(added[0]):
             continue
         name, brought = added[0].name, base.fit.cost - child.fit.cost
-        start = {free: child.values.shared[free] for free in free_names(added[0])}
         if name in here and brought > here[name].gain:
-            finding = replace(here[name], starts=(start, *here[name].starts))
+            finding = replace(here[name], starts=(shared_start(child, added[0]), *here[name].starts))
             if name in out:
                 out[name] = finding
             elif brought > least:
                 further.append((brought, finding))
     best = sorted(further, key=lambda item: -item[0])[: thresholds.FOUND_IN_FULL]
     return [*out.values(), *(finding for _, finding in best)]
-
-
-def _is_steady(effect: Traceable) -> bool:
-    """Whether an effect acts alike in all records, and is no guard, so that its values there are values here."""
-    return not (effect.traits.guard or belongs_to_record(effect) or isinstance(effect, NoiseEffect))
 
 
 def _promising(fitted: FittedModel, findings: Sequence[Finding]) -> list[Finding]:

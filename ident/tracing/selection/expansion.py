@@ -9,7 +9,7 @@ import numpy as np
 from ident.process_noise.filter_error import turbulence_worth_trying
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, is_event, never_together
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, free_names, is_event, never_together, shared_start
 from ident.tracing.candidate_model.quantities import implausible, quantities, stands_out_somewhere
 from ident.tracing.diagnosis import Candidate, Quantity, Step
 from ident.tracing.screening.context import search_context
@@ -91,22 +91,12 @@ def with_process_noise(ledger: Ledger, fitted: FittedModel, number: int) -> tupl
 
 def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int) -> tuple[Ledger, FittedModel | None]:
     """A set with one more effect, fitted from the best few of its starts; None where none comes out better than without it."""
-    best: FittedModel | None = None
-
-    def tried(ledger: Ledger, start: Mapping[str, float]) -> Ledger:
-        nonlocal best
-        ledger, child = fit(ledger, (*fitted.effects, finding.effect), fitted, start, rough=True)
-        if child is not None and (best is None or child.fit.cost < best.fit.cost):
-            best = child
-        return ledger
-
-    for start in finding.starts[:starts]:
-        ledger = tried(ledger, start)
+    ledger, best = _lowest(ledger, fitted, finding.effect, finding.starts[:starts])
     brought = fitted.fit.cost - best.fit.cost if best is not None else 0.0
     elsewhere = _where_it_was_found(ledger, fitted, finding) if brought < thresholds.RIVAL * finding.gain else None
     if elsewhere is not None:
         # Slopes point the wrong way across a limit: where another set has it is a start as good.
-        ledger = tried(ledger, elsewhere)
+        ledger, best = _lowest(ledger, fitted, finding.effect, [elsewhere], best)
     if best is None or best.fit.cost > fitted.fit.cost:
         # The projection, which knows slopes only, led astray: from near absence no fit can fail.
         ledger, again = fit(ledger, (*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0]), rough=True)
@@ -114,13 +104,24 @@ def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int)
     return ledger, best
 
 
+def _lowest(
+    ledger: Ledger, fitted: FittedModel, effect: Traceable, starts: Sequence[Mapping[str, float]], best: FittedModel | None = None
+) -> tuple[Ledger, FittedModel | None]:
+    """The set with one more effect from each start: the fit of lowest cost, ``best`` among them."""
+    for start in starts:
+        ledger, child = fit(ledger, (*fitted.effects, effect), fitted, start, rough=True)
+        if child is not None and (best is None or child.fit.cost < best.fit.cost):
+            best = child
+    return ledger, best
+
+
 def _where_it_was_found(ledger: Ledger, fitted: FittedModel, finding: Finding) -> dict[str, float] | None:
     """An effect's values in the set in which it stands alone, beside what any record may have; None where that was not fitted."""
     alone = ledger.models.get(frozenset(effect.name for effect in fitted.background) | {finding.effect.name})
-    names = free_names(finding.effect)
-    if alone is None or len(alone.names) > len(fitted.names) or not set(names) <= set(alone.values.shared):
+    if alone is None or len(alone.names) > len(fitted.names):
         return None
-    return {name: alone.values.shared[name] for name in names}
+    start = shared_start(alone, finding.effect)
+    return start if len(start) == len(free_names(finding.effect)) else None
 
 
 def near_absence(effect: Traceable, start: Mapping[str, float]) -> dict[str, float]:
