@@ -39,10 +39,13 @@ def chance_of(false_alarm: float, count: int) -> float:
     return 0.5 * float(ndtri(false_alarm / max(count, 2))) ** 2
 
 
-def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault]) -> tuple[FaultSet, list[Slot]]:
-    """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again."""
+def slots_of(base: Fit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> tuple[FaultSet, list[Slot]]:
+    """The places of a set, each with all faults in it; where another does better in one, it takes the place, and all is looked at again.
+
+    ``singles`` : every fault tried beside ``base`` alone.
+    """
     for _ in range(3):
-        slots = [_slot(base, found, fault, faults) for fault in found.faults]
+        slots = [_slot(base, found, fault, faults, singles) for fault in found.faults]
         better = [(i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]]
         if not better:
             break
@@ -62,11 +65,14 @@ def same_lateness(one: SensorFault, other: SensorFault) -> bool:
     return one.channel == other.channel and {one.kind, other.kind} <= {DELAY, LAG, ARM} and not (one.rare or other.rare)
 
 
-def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault]) -> Slot:
+def _slot(base: Fit, found: FaultSet, fault: SensorFault, faults: Sequence[SensorFault], singles: Sequence[Trial]) -> Slot:
     rest = [other for other in found.found.faults if other is not fault]
-    others = fit(base.signals, rest, base)
     free = [each for each in faults if each not in rest and leaves_a_reference((*rest, each), clocks(base.signals))]
-    trials = tried(others, free)
+    if rest == list(base.faults):
+        others, trials = base, [trial for trial in singles if trial.fault in free]
+    else:
+        others = fit(base.signals, rest, base)
+        trials = tried(others, free)
     misfit = misfits([others, found.found, *(t.found for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [misfit[1] if t.fault is fault else value for t, value in zip(trials, misfit[2:].tolist(), strict=True)]

@@ -8,6 +8,7 @@ after projection on them is unbiased, whatever the aircraft's response is (two-s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -47,12 +48,15 @@ def instrumented(signals: Sequence[Signals]) -> bool:
     return all(s.instruments.shape[1] for s in signals)
 
 
+@lru_cache(maxsize=24)  # many faults are tried under one noise; the records of a check and a few noises stay
 def weigher(s: Signals, noise: NoiseModel) -> Weigher:
     """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one, with instruments only their part."""
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
         return white
-    part = _projection(_basis(s, white))
+    m, n = s.valid.shape
+    flat = white.of_differences(s.instrument_differences).reshape(n, m, -1)
+    part = _projection(_orthonormal(flat.transpose(1, 0, 2).reshape(m * n, -1)))
     return lambda columns: part(white(columns))
 
 
@@ -60,7 +64,8 @@ def part_of_controls(s: Signals) -> Weigher:
     """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without instruments the columns themselves."""
     if not s.instruments.shape[1]:
         return lambda columns: columns
-    return _projection(_basis(s, lambda columns: columns))
+    wide = s.instruments_by_output
+    return _projection(_orthonormal(wide.reshape(-1, wide.shape[2])))
 
 
 def _projection(basis: np.ndarray) -> Weigher:
@@ -70,14 +75,8 @@ def _projection(basis: np.ndarray) -> Weigher:
     return part
 
 
-def _basis(s: Signals, white: Weigher) -> np.ndarray:
-    """Orthonormal columns ``(m N, r)`` of the whitened instruments, each output by itself."""
-    m, n = s.valid.shape
-    count = s.instruments.shape[1]
-    wide = np.zeros((m, n, m * count))
-    for i in range(m):
-        wide[i, :, i * count : (i + 1) * count] = np.where(s.valid[i][:, None], s.instruments, 0.0)
-    flat = white(wide).reshape(m * n, m * count)
+def _orthonormal(flat: np.ndarray) -> np.ndarray:
+    """Orthonormal columns ``(m N, r)`` that span what columns ``(m N, c)`` span."""
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))

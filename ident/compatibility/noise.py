@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ident.compatibility.differences import differences
 from ident.compatibility.signals import Signals
 
 _MISSING = 1e8  # times the noise variance: such a sample says nothing
@@ -78,16 +80,16 @@ class Whitener:
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of variance one: ``(m, N, c)``."""
+        m, n, c = columns.shape
+        return np.ascontiguousarray(self.of_differences(differences(columns)).reshape(n, m, c).transpose(1, 0, 2))
+
+    def of_differences(self, flat: np.ndarray) -> np.ndarray:
+        """The same of ``differences`` of columns ``(N m, c)``, in their order."""
         from scipy.linalg.lapack import dtbtrs
 
-        m, n, c = columns.shape
-        if c == 0:  # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
-            return np.empty(columns.shape)
-        flat = np.empty((n, m, c))
-        flat[0] = columns[:, 0]
-        flat[1:] = np.diff(columns, axis=1).transpose(1, 0, 2)
-        white, _ = dtbtrs(self.band, flat.reshape(n * m, c), uplo="L")
-        return np.ascontiguousarray(white.reshape(n, m, c).transpose(1, 0, 2))
+        if flat.shape[1] == 0:  # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
+            return np.empty(flat.shape)
+        return np.asarray(dtbtrs(self.band, flat, uplo="L")[0])
 
 
 def whitener(s: Signals, noise: NoiseModel) -> Whitener:
@@ -125,6 +127,14 @@ class NoiseEvidence:
     priors: tuple[np.ndarray, ...]
     begun: NoiseModel
 
+    @cached_property
+    def differences(self) -> tuple[np.ndarray, ...]:
+        """``differences`` of each record's residual and, after it, its sensitivities: the same whatever the noise."""
+        return tuple(
+            np.asfortranarray(differences(np.concatenate([residual[:, :, None], columns], axis=2)))
+            for residual, columns in zip(self.residuals, self.sensitivities, strict=True)
+        )
+
 
 def settled_noise(evidence: NoiseEvidence, noise: NoiseModel, passes: int) -> tuple[NoiseModel, float]:
     """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their logarithms, one by one."""
@@ -157,11 +167,11 @@ def noise_cost(evidence: NoiseEvidence, noise: NoiseModel) -> float:
     where a filter has taken the roughness away.
     """
     total = 0.0
-    for s, residual, columns, prior in zip(evidence.signals, evidence.residuals, evidence.sensitivities, evidence.priors, strict=True):
+    for s, flat, prior in zip(evidence.signals, evidence.differences, evidence.priors, strict=True):
         try:
             white = whitener(s, noise)
-            all_columns = white(np.concatenate([residual[:, :, None], columns], axis=2))
-            e, J = all_columns[:, :, 0], all_columns[:, :, 1:].reshape(-1, columns.shape[2])
+            columns = white.of_differences(flat)
+            e, J = columns[:, 0], columns[:, 1:]
             sign, determinant = np.linalg.slogdet(J.T @ J + np.diag(prior))
         except np.linalg.LinAlgError:
             return float("inf")
@@ -178,8 +188,7 @@ def smoothed_walk(s: Signals, noise: NoiseModel, residual: np.ndarray) -> np.nda
     from scipy.linalg.lapack import dpbtrs
 
     m, n = residual.shape
-    differences = np.diff(residual, axis=1, prepend=0.0)
-    solved, _ = dpbtrs(whitener(s, noise).band, differences.T.reshape(n * m, 1), lower=1)
+    solved, _ = dpbtrs(whitener(s, noise).band, differences(residual[:, :, None]), lower=1)
     y = solved.reshape(n, m).T
     back = y.copy()
     back[:, :-1] -= y[:, 1:]

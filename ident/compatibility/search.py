@@ -40,7 +40,7 @@ def search(base: Fit, faults: Sequence[SensorFault], bases: Sequence[Fit], setti
     while True:
         left = [fault for fault in faults if fault not in refused]
         best, early = _selected(base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most)
-        best, slots = slots_of(base, best, left)
+        best, slots = slots_of(base, best, left, singles)
         failing = [slot.trials[0] for slot in slots if not replicates(bases, slot.others, slot.trials[0])]
         if not failing:
             break

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from ident.compatibility.differences import differences
 from ident.statistics.robust import robust_sigma
 from sim.maths.constants import G0
 from sim.record import Hold, Record
@@ -47,6 +49,20 @@ class Signals:
     @property
     def steps(self) -> np.ndarray:
         return np.diff(self.time)
+
+    @cached_property
+    def instrument_differences(self) -> np.ndarray:
+        """``differences`` of the instruments, for each output by itself and where it is measured: ``(N m, m L)``, the same whatever the noise."""
+        return np.asfortranarray(differences(self.instruments_by_output))
+
+    @property
+    def instruments_by_output(self) -> np.ndarray:
+        """Columns ``(m, N, m L)``: the instruments of each output by itself, zero where it is not measured."""
+        (m, n), count = self.valid.shape, self.instruments.shape[1]
+        wide = np.zeros((m, n, m * count))
+        for i in range(m):
+            wide[i, :, i * count : (i + 1) * count] = np.where(self.valid[i][:, None], self.instruments, 0.0)
+        return wide
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

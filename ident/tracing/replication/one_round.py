@@ -13,7 +13,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, acts_all_alo
 from ident.tracing.equivalents import guard_is_likelier
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
-from ident.tracing.replication.weighing import left_out, weigh
+from ident.tracing.replication.weighing import judged, left_out, try_out
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.expansion import only_beside_another
@@ -47,7 +47,9 @@ def weigh_all(
     if searched is not None:
         tried = _with_fitted(fitted, screened, tried, *searched)
     tried += guards[: thresholds.GUARDS_FITTED]
-    results = [item for item in (weigh(flight, fitted, finding, before) for finding in tried) if item is not None]
+    trials = [trial for trial in (try_out(flight, fitted, finding, before) for finding in tried) if trial is not None]
+    # Judged when all are fitted: a witness makes its own computation meanwhile.
+    results = [judged(flight, trial) for trial in trials]
     chosen = choose(results, flight.witness)
 
     def fit(effect: Traceable, start: Mapping[str, float]) -> FittedModel | None:

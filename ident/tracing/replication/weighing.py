@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +72,35 @@ def without_record(fitted: FittedModel, r: int) -> FittedModel:
     return replace(fitted, fit=replace(fit, theta=np.clip(fit.theta + step, fit.problem.low, fit.problem.high)))
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One candidate fitted beside a set, and what both predict of the records that were left out and could be asked."""
+
+    finding: Finding
+    fitted: FittedModel
+    asked: Sequence[int]
+    before: Sequence[Fit]
+    after: Mapping[int, Fit]
+    reduction: Reduction
+    gain: float
+
+    @property
+    def effect(self) -> Traceable:
+        return self.finding.effect
+
+    @property
+    def pairs(self) -> tuple[Sequence[Fit], Sequence[Fit]]:
+        return self.before, list(self.after.values())
+
+
 def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> CrossValidation | None:
+    """One candidate tried and judged; None where it cannot be fitted, or lowers the error of the records it is fitted to by next to nothing."""
+    trial = try_out(flight, fitted, finding, before)
+    return judged(flight, trial) if trial is not None else None
+
+
+def try_out(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping[int, Fit]) -> Trial | None:
+    """One candidate beside a set: fitted to all records, and to all but each; a witness is not asked. Else as ``weigh``."""
     effects = (*fitted.effects, finding.effect)
     everything = range(len(flight.records))
     tries = [flight.fit(effects, everything, fitted.values, start) for start in finding.starts[:2]]
@@ -88,31 +116,36 @@ def weigh(flight: Flight, fitted: FittedModel, finding: Finding, before: Mapping
     if after is None:
         return None
     pairs = [before[r] for r in asked], [after[r] for r in asked]
-    lowered, gain = reduction(*pairs), coloured_gain(*pairs)
-    if lowered.total > -_worth(flight, child, finding.effect, lowered):
+    return Trial(finding, child, asked, pairs[0], after, reduction(*pairs), coloured_gain(*pairs))
+
+
+def judged(flight: Flight, trial: Trial) -> CrossValidation:
+    """Does it stand, and why not? The witness of the flight is heard."""
+    effect, child, lowered, gain = trial.effect, trial.fitted, trial.reduction, trial.gain
+    if lowered.total > -_worth(flight, child, effect, lowered):
         why = "it does not lower the error on records left out enough"
-        return CrossValidation(finding.effect, finding, child, lowered, Replication((), False), gain, False, why, after)
-    if belongs_to_record(finding.effect):
-        each, copies = predicted_gains(pairs[0], pairs[1], finding.effect), own_values(child, finding.effect)
+        return CrossValidation(effect, trial.finding, child, lowered, Replication((), False), gain, False, why, trial.after)
+    if belongs_to_record(effect):
+        each, copies = predicted_gains(*trial.pairs, effect), own_values(child, effect)
         gain = float(np.sum(each))
         stands, why = stands_by_prediction(each, lowered, copies)
-        if recordings(flight.records) < thresholds.FEWEST_RECORDS and not finding.effect.traits.background:
+        if recordings(flight.records) < thresholds.FEWEST_RECORDS and not effect.traits.background:
             stands, why = False, "of two records, each with its own value, nothing replicates"
     else:
-        copies = replicate(flight, child, finding.effect)
-        stands, why = _judged(lowered, copies)
+        copies = replicate(flight, child, effect)
+        stands, why = _replicates(lowered, copies)
     few = recordings(flight.records) < thresholds.FEWEST_RECORDS
-    if stands and few and (len(asked) < len(flight.records) or not _explains_most(*pairs)):
+    if stands and few and (len(trial.asked) < len(flight.records) or not _explains_most(*trial.pairs)):
         stands, why = False, "with two records it has to explain three quarters of what they leave, and half of what each does"
-    if stands and distance_from_absence(child, finding.effect) < thresholds.CLEARLY_OFF_ABSENCE:
+    if stands and distance_from_absence(child, effect) < thresholds.CLEARLY_OFF_ABSENCE:
         stands, why = False, "its parameters are not determined"
     if stands and gain < flight.settings.accept:
         stands, why = False, "a colour of the residual does as well"
-    if stands and flight.witness.evidence(finding.effect.name, most_telling(child, finding.effect)) < -thresholds.STRONG_WITNESS:
+    if stands and flight.witness.evidence(effect.name, most_telling(child, effect)) < -thresholds.STRONG_WITNESS:
         stands, why = False, "the kinematics speak against it"
-    if stands and why_not(finding.effect, most_telling(child, finding.effect), child) is not None:
+    if stands and why_not(effect, most_telling(child, effect), child) is not None:
         stands, why = False, "its parameters are beyond belief, or open"
-    return CrossValidation(finding.effect, finding, child, lowered, copies, gain, stands, why, after)
+    return CrossValidation(effect, trial.finding, child, lowered, copies, gain, stands, why, trial.after)
 
 
 def _explains_most(before: Sequence[Fit], after: Sequence[Fit]) -> bool:
@@ -135,7 +168,7 @@ def fitted_change(fitted: FittedModel, child: FittedModel) -> float:
     return float(np.mean(0.5 * np.log(child.fit.variance[used] / fitted.fit.variance[used]))) if np.any(used) else 0.0
 
 
-def _judged(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
+def _replicates(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     """Whether it passes, and why not."""
     if lowered.total > -thresholds.BEYOND_ITS_SCATTER * lowered.scatter:
         return False, "the fall of the error on records left out is within its scatter"
