@@ -12,8 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.compatibility.differences import differences
-from ident.compatibility.signals import Signals
+from ident.compatibility.signals import Signals, differences
 
 _MISSING = 1e8  # times the noise variance: such a sample says nothing
 _INPUTS = {"alpha": ("q", "nz"), "theta": ("q",), "airspeed": ("ax",)}

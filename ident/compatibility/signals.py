@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.compatibility.differences import differences
 from ident.statistics.robust import robust_sigma
 from sim.maths.constants import G0
 from sim.record import Hold, Record
@@ -151,3 +150,12 @@ def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
     columns = np.vstack([u, raw["alpha"] - raw["alpha"].mean(), raw["q"] - raw["q"].mean(), np.ones(len(record))]).T
     sizes, *_ = np.linalg.lstsq(columns / np.maximum(np.abs(columns).max(axis=0), 1e-12), raw["nz"], rcond=None)
     return np.asarray(sizes[: len(u)] @ u)
+
+
+def differences(columns: np.ndarray) -> np.ndarray:
+    """Differences of neighbouring samples of columns ``(m, N, c)``, the first sample itself; all outputs of a sample together: ``(N m, c)``."""
+    m, n, c = columns.shape
+    flat = np.empty((n, m, c))
+    flat[0] = columns[:, 0]
+    np.subtract(columns[:, 1:].transpose(1, 0, 2), columns[:, :-1].transpose(1, 0, 2), out=flat[1:])
+    return flat.reshape(n * m, c)

@@ -45,6 +45,7 @@ class _Flight(_Strict):
     optional: Share = 0.0
     unrecorded: list[Name] = []
     level: bool = False
+    once: Name | None = None
 
 
 class _Causes(_Strict):
@@ -132,6 +133,7 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
 def _flight(flight: _Flight, place: str) -> FlightLine:
     _known(flight.vehicles, VEHICLES, "vehicle", f"{place}.vehicles")
     _known(flight.maneuvers, tuple(MANEUVERS), "maneuver", f"{place}.maneuvers")
+    _known([flight.once] if flight.once else [], tuple(MANEUVERS), "maneuver", f"{place}.once")
     _known(flight.unrecorded, OPTIONAL, "further channel", f"{place}.unrecorded")
     fewest, most = flight.records
     if not FEWEST <= fewest <= most <= MOST:
@@ -154,6 +156,7 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
         flight.optional,
         tuple(flight.unrecorded),
         flight.level,
+        flight.once or "",
     )
 
 

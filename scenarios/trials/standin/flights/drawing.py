@@ -74,6 +74,8 @@ def draw(standin: StandIn, rng: np.random.Generator) -> Drawn:
     values = {item.name: item.value for item in declared.parameters}
     count = int(rng.integers(flight.records[0], flight.records[1] + 1))
     kinds = _dealt(flight.maneuvers, count, rng)
+    if flight.once:
+        kinds = _with_one(kinds, flight.once, int(rng.integers(count)))
     unit = float(np.clip(1.6 / short_period(declared), 0.2, 1.2))
     moves = tuple(maneuver(kind, rng, rng.uniform(*flight.amplitude), unit, flight.duration, flight.surface) for kind in kinds)
     rate = float(rng.choice(flight.rates))
@@ -162,6 +164,11 @@ def _dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tupl
     while len(dealt) < count:
         dealt += [str(kind) for kind in rng.permutation(list(kinds))]
     return tuple(dealt[:count])
+
+
+def _with_one(kinds: tuple[str, ...], kind: str, place: int) -> tuple[str, ...]:
+    """The same kinds but for one."""
+    return (*kinds[:place], kind, *kinds[place + 1 :])
 
 
 def hiding(drawn: Drawn, hidden: tuple[Dominant, ...]) -> Drawn:

@@ -129,9 +129,22 @@ def _step(rng: np.random.Generator, amplitude: float, unit: float, duration: flo
     return alternating(_sign(rng) * amplitude, [duration * rng.uniform(0.6, 0.8)], rng.uniform(1.0, 2.0))
 
 
+def _held(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+    """A third of the level, held for 30 to 40 per cent of the record, and back: held for longer, or further, it ends in a loop."""
+    return alternating(_sign(rng) * amplitude / 3.0, [duration * rng.uniform(0.3, 0.4)], rng.uniform(1.0, 2.0))
+
+
 def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-KINDS: Mapping[str, Draw] = {"3-2-1-1": _steps, "doublets": _doublets, "multisine": _multisine, "hand-flown": _hand_flown, "two": _two, "step": _step}
+KINDS: Mapping[str, Draw] = {
+    "3-2-1-1": _steps,
+    "doublets": _doublets,
+    "multisine": _multisine,
+    "hand-flown": _hand_flown,
+    "two": _two,
+    "step": _step,
+    "held": _held,
+}
 USUAL = ("3-2-1-1", "doublets", "multisine", "hand-flown", "two")

@@ -140,11 +140,29 @@ def test_a_step_is_held_for_most_of_the_record(seed: int) -> None:
     assert np.ptp(np.sign(move(t))) == 1.0, "one way only"
 
 
-def test_the_step_stand_in_flies_nothing_else_and_hides_what_standin_one_hides() -> None:
-    standin, one = (standin_of(*load_document(name)) for name in ("standin-step", "standin-one"))
+def test_the_steps_stand_in_flies_nothing_else_and_hides_what_standin_one_hides() -> None:
+    standin, one = (standin_of(*load_document(name)) for name in ("standin-steps", "standin-one"))
     assert standin.flight.maneuvers == ("step",) and standin.hidden == one.hidden
     assert set(draw(standin, np.random.default_rng(1)).kinds) == {"step"}
     assert "step" not in one.flight.maneuvers
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_step_stand_in_has_one_record_that_is_a_held_step_and_else_what_standin_one_flies(seed: int) -> None:
+    standin, one = (standin_of(*load_document(name)) for name in ("standin-step", "standin-one"))
+    assert standin.hidden == one.hidden and standin.causes == one.causes and standin.flight.maneuvers == one.flight.maneuvers
+    kinds, others = (draw(each, np.random.default_rng(seed)).kinds for each in (standin, one))
+    assert kinds.count("held") == 1 and "held" not in others
+    assert sum(kind != other for kind, other in zip(kinds, others, strict=True)) == 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_held_step_is_a_third_as_large_and_stays_for_a_third_of_the_record(seed: int) -> None:
+    move = maneuver("held", np.random.default_rng(seed), 0.03, 0.4, 25.0, 20.0)
+    t = np.arange(0.0, 25.0, 0.01)
+    size = np.abs(move(t))
+    assert 0.28 < np.mean(size > 0.99 * 0.01) < 0.42 and np.max(size) <= 0.01 + 1e-12
+    assert np.ptp(np.sign(move(t))) == 1.0 and size[0] == 0.0 and size[-1] < 1e-5
 
 
 def test_what_is_not_recorded_is_not_told_and_moves_no_other_draw() -> None:
@@ -199,6 +217,7 @@ def test_an_aircraft_on_which_no_declared_size_shows_is_drawn_anew(sizes: dict[s
         ("standin-deceleration", "flight.unrecorded=['q']", "there is no further channel 'q'"),
         ("standin-deceleration", "flight.level=2", "flight.level"),
         ("standin-step", "flight.maneuvers=['steps']", "there is no maneuver 'steps'"),
+        ("standin-step", "flight.once='holding'", "there is no maneuver 'holding'"),
     ],
 )
 def test_what_a_declaration_refuses(name: str, change: str, what: str) -> None:
