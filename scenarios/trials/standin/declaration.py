@@ -63,8 +63,8 @@ class FlightLine:
     ----------
     vehicles : names to draw from; variation : share by which constants and derivatives differ from the named vehicle's.
     records : fewest and most. duration : s. rates : 1/s, to draw from. step : of the integration, s.
-    maneuvers : kinds, dealt out in random order; ``once`` : one that a random record flies in the place of its own. amplitude : elevator, rad. surface : frequency of the surface's servo, rad/s, which rounds
-        every step before it is recorded.
+    maneuvers : kinds, dealt out in random order; ``once`` : one that a random record flies in the place of its own.
+    amplitude : elevator, rad. surface : frequency of the surface's servo, rad/s, which rounds every step before it is recorded.
     trim_alpha : rad. total : angle of attack and load factor are recorded with their trim values. optional : chance of each further channel.
     unrecorded : further channels that no flight records. level : the pilot holds the height with the elevator while a hidden speed-variation
         acts; without, the path bends down as the lift goes.
