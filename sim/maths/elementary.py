@@ -49,6 +49,13 @@ def cos(x: Any) -> Any:
     return cmath.cos(x) if isinstance(x, complex) else np.cos(x)
 
 
+def sin(x: Any) -> Any:
+    """Sine of a float, complex number or array; NaN of an infinite float, as of an array, where ``math`` would raise."""
+    if isinstance(x, float):
+        return math.sin(x) if math.isfinite(x) else math.nan
+    return cmath.sin(x) if isinstance(x, complex) else np.sin(x)
+
+
 def log(x: Any) -> Any:
     """Natural logarithm of a float, of a complex number near a positive one, or of an array of either; of what is not positive as of an array."""
     if isinstance(x, float):

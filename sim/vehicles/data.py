@@ -70,7 +70,7 @@ class VehicleData:
     Attributes
     ----------
     name, title, source : the set's key, what it is, where it is from.
-    equations : name of the base equations, ``"rigid"``, ``"ballistic"`` or ``"loes"``.
+    equations : name of the base equations, such as ``"rigid"`` or ``"lateral"``.
     numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``, ``Ceta1_eta2``).
     initial : starting state, by state name; a state that is missing starts at zero.
     modes : how many elastic modes it has.

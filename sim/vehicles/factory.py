@@ -14,7 +14,9 @@ from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.data import Number, Origin, VehicleData
+from sim.vehicles.lateral import LATERAL_CONSTANTS, LATERAL_DERIVATIVES, Lateral
 from sim.vehicles.loes import Loes
+from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES, Longitudinal
 from sim.vehicles.short_period import ShortPeriod
 
 RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
@@ -33,6 +35,12 @@ MODE_DERIVATIVES = {
     **dict.fromkeys(("Ceta_alpha", "Ceta_q", "Ceta_de"), "1/rad"),
 }
 _NOT_ABOVE_ZERO = {"zeta"}
+# Equations whose derivatives may be left out, which holds them at zero.
+WHOLE_AXES: Mapping[str, tuple[Equations, Mapping[str, str], Mapping[str, str]]] = {
+    "lateral": (Lateral(), LATERAL_CONSTANTS, LATERAL_DERIVATIVES),
+    "longitudinal": (Longitudinal(), LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES),
+}
+_POSITIVE = {"mass", "wing_area", "chord", "span", "pitch_inertia", "roll_inertia", "yaw_inertia", "airspeed", "reference_airspeed", "air_density"}
 
 
 def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
@@ -97,6 +105,21 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
+def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
+    """The lateral or longitudinal equations with a set's numbers: constants held, the derivatives that it gives free, the others held at zero.
+
+    Raises DeclarationError as ``rigid_model``, and for inertias that no body has.
+    """
+    equations, constants, derivatives = WHOLE_AXES[data.equations]
+    absent = [Number(name, 0.0, unit, note="left out") for name, unit in derivatives.items() if name not in data]
+    model = _model(replace(data, numbers=(*data.numbers, *absent)), equations, constants, derivatives, noise)
+    values = data.values
+    if "cross_inertia" in values and values["cross_inertia"] ** 2 >= values["roll_inertia"] * values["yaw_inertia"]:
+        what = f"{values['cross_inertia']:g} kg m2 is too large"
+        raise DeclarationError(what, where=f"vehicle {data.name}, cross_inertia", remedy="its square is below roll_inertia yaw_inertia")
+    return model.with_parameters(model.parameters.hold([number.name for number in absent]))
+
+
 def loes_filter_model(model: Model) -> Model:
     """The fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free, no other bias.
 
@@ -108,7 +131,7 @@ def loes_filter_model(model: Model) -> Model:
 def vehicle_from_values(
     name: str, equations: str, values: Mapping[str, float], *, initial: Mapping[str, float] | None = None, modes: int = 0, title: str = ""
 ) -> VehicleData:
-    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is ``"rigid"``, ``"ballistic"`` or ``"loes"``.
+    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is a name such as ``"rigid"`` or ``"lateral"``.
 
     Raises DeclarationError for a name that the equations and modes do not know.
     """
@@ -119,8 +142,11 @@ def vehicle_from_values(
     elif equations == ShortPeriod().name:
         units, states = {**RIGID_CONSTANTS, **RIGID_DERIVATIVES}, ShortPeriod().states
         units.update({full: unit for full, unit, _ in mode_units(modes)})
+    elif equations in WHOLE_AXES:
+        found, constants, derivatives = WHOLE_AXES[equations]
+        units, states = {**constants, **derivatives}, found.states
     else:
-        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy="use rigid, loes or ballistic")
+        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use rigid, loes, ballistic, {', '.join(WHOLE_AXES)}")
     state_units = {signal.name: signal.unit for signal in states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
@@ -141,6 +167,8 @@ def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
         return ballistic_model(data, noise)
     if data.equations == Loes().name:
         return loes_model(data, noise)
+    if data.equations in WHOLE_AXES:
+        return whole_axis_model(data, noise)
     return flexible_model(data, None, noise)
 
 
@@ -187,7 +215,7 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     stem = re.sub(r"\d+$", "", name)
     if name in ("inv_tau", "delay") and number.value < 0:
         raise DeclarationError(f"{number.value:g} {unit} is negative", where=where, remedy="give zero or a positive number")
-    positive = stem in {**RIGID_CONSTANTS, **BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES, **MODE_CONSTANTS}
+    positive = stem in {*_POSITIVE, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
     if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
         raise DeclarationError(f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number")
     return number
