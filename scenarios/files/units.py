@@ -33,6 +33,7 @@ QUANTITIES = {
     "m2": ("an area", "m2 or ft2"),
     "m/s": ("a speed", "m/s, ft/s or kt"),
     "m/s2": ("an acceleration", "m/s2, ft/s2 or g"),
+    "N": ("a force", "N, kN or lbf"),
     "Pa": ("a pressure", "Pa, kPa or lbf/ft2"),
     "kg": ("a mass", "kg, lb or slug"),
     "kg/m2": ("a mass per area", "kg/m2 or lb/ft2"),
@@ -78,7 +79,7 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
     error : what to raise.
 
     Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A pound is
-    a mass, but a force in a pressure; a weight per area (lbf/ft2) given for a mass per area is divided by
+    a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2) given for a mass per area is divided by
     g0, which leaves the number of pounds. A radian may be left out, a degree may not. Hz is a number of
     turns a second, so it is 2 pi rad/s, and no plain 1/s.
 
@@ -149,7 +150,7 @@ def _si_size(text: str) -> _Size | None:
 
 
 def _pounds(text: str, target: str) -> str:
-    if target == "Pa":
+    if target in ("Pa", "N"):
         return re.sub(r"\b(lb|pound|pounds)\b", "lbf", text)
     if target == "kg/m2":
         return re.sub(r"\b(lbf|pound_force)\b", "lb", text.replace("psi", "lb/in**2"))

@@ -12,8 +12,15 @@ from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.sources import InputFile, Source
 from sim.errors import DeclarationError
 
-MODELS = ("ballistic", "rigid", "flexible", "loes")
+MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
 BESIDE = "vehicle.toml"
+# Model -> keys at the top of its file that are there, or are not, in files of no other model; a file without these is a rigid aircraft's.
+_TOLD_BY = {
+    "flexible": (("modes", True),),
+    "lateral": (("span", True),),
+    "longitudinal": (("reference_airspeed", True),),
+    "loes": (("gravity", True), ("mass", False)),
+}
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 
 
@@ -27,8 +34,9 @@ class VehicleFile:
     model : the model it was read for.
     constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``, ``pitch_inertia``, ``airspeed``,
         ``air_density``; loes: ``airspeed``, ``gravity`` and, if given, ``vane_arm`` (m, ahead of the c.g.);
-        ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``.
-    derivatives : starting values in SI, per radian (loes: per unit of the stick).
+        ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
+        ``LONGITUDINAL_CONSTANTS`` of the equations.
+    derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and longitudinal those that are given.
     modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
         starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and
         the couplings ``Ceta1_eta2 ...`` that the file gives.
@@ -67,8 +75,7 @@ def read_any_vehicle(path: str | Path) -> VehicleFile:
     content = toml_of(source)
     if "density_scale_height" in content or "air_density_reference" in content:
         raise DeclarationError("this is a falling body's file, without an airspeed", where=str(path), remedy="give the file of an aircraft")
-    model = "flexible" if "modes" in content else "loes" if "gravity" in content and "mass" not in content else "rigid"
-    return vehicle_of(source, model)
+    return vehicle_of(source, next((model for model, keys in _TOLD_BY.items() if all((key in content) is there for key, there in keys)), "rigid"))
 
 
 def vehicle_of(source: Source, model: str) -> VehicleFile:
@@ -81,7 +88,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a value of the wrong kind, unit or sign.
     """
-    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema
+    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema, refuse_unusable
 
     path, content = source.path, toml_of(source)
     tables: list[dict[str, Any]] = []
@@ -94,6 +101,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)
         modes.append((number, values))
     constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes")}
+    refuse_unusable(model, constants, vehicle["derivatives"], path)
     return VehicleFile(vehicle.get("name", path.stem), model, constants, vehicle["derivatives"], tuple(modes), source.identity)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
@@ -11,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
+from sim.vehicles.factory import ABOVE_ZERO, WHOLE_AXES
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
@@ -72,6 +74,17 @@ _LOES_STARTS = _table(
 )
 _BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
 
+
+
+def _whole_axes(model: str) -> type[BaseModel]:
+    """The file of equations whose constants must be given, and whose derivatives may be left out."""
+    _, constants, derivatives = WHOLE_AXES[model]
+    title = model.capitalize()
+    starts = _table(f"{title}Derivatives", **{name: (_number(unit) | None, None) for name, unit in derivatives.items()})
+    kinds = {name: _number(unit, gt=0.0 if name in ABOVE_ZERO else None) for name, unit in constants.items()}
+    return _table(f"{title}Vehicle", name=_NAME, **_required(kinds), derivatives=(starts, ...))
+
+
 SCHEMAS: Mapping[str, type[BaseModel]] = {
     "rigid": _table("RigidVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...)),
     "flexible": _table("FlexibleVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)),
@@ -90,6 +103,7 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
         ),
         derivatives=(_BALLISTIC_STARTS, ...),
     ),
+    **{model: _whole_axes(model) for model in WHOLE_AXES},
 }
 
 
@@ -101,3 +115,15 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
     couplings = [f"Ceta{number}_{by}{other}" for other in range(1, count + 1) if other != number for by in ("eta", "etadot")]
     optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
     return _table(f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional)
+
+
+def refuse_unusable(model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path) -> None:
+    """What no single key shows. Raises DeclarationError where no derivative is given, and for moments of inertia that no body has."""
+    if not derivatives:
+        _, _, known = WHOLE_AXES[model]
+        remedy = f"give where the search starts, one of {', '.join(known)} at least: what is left out is held at zero"
+        raise DeclarationError("no derivative is given", where=f"{path}, key derivatives", remedy=remedy)
+    cross = constants.get("cross_inertia", 0.0)
+    if cross and cross**2 >= constants["roll_inertia"] * constants["yaw_inertia"]:
+        remedy = "its square is below roll_inertia times yaw_inertia"
+        raise DeclarationError(f"value {cross:g} kg m2 is too large", where=f"{path}, key cross_inertia", remedy=remedy)

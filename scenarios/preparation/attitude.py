@@ -35,6 +35,8 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
 
     Where the model has no use for it, or a record lacks it, the records come back without it; the sentence is empty but where others have it.
     """
+    if any(signal.name == ATTITUDE for signal in model.equations.outputs):
+        return model, list(records), ""
     plain = [without_attitude(record) for record in records]
     told = [_tells(record) for record in records]
     if not wants_attitude(model) or not all(told):
@@ -47,7 +49,7 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
 
 
 def without_attitude(record: Record) -> Record:
-    """The record less its measured attitude, which is no output of these models."""
+    """The record less its measured attitude, which is no output of a model at constant speed."""
     if ATTITUDE not in record.output_names:
         return record
     return replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != ATTITUDE))

@@ -1,8 +1,10 @@
-"""The load factor from a vertical accelerometer: nz = -az/g0, az the specific force along the body's z axis (down), m/s2."""
+"""Load factors from accelerometers along the body's axes (specific force, m/s2; x ahead, y to the right, z down): nz = -az/g0, ny = ay/g0, nx = ax/g0."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,22 +13,33 @@ from sim.maths.constants import G0
 from sim.record import Channel, Record
 
 MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
+# Load factor -> the accelerometer that serves in its place, and the sign between them.
+ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType({"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)})
 
 
-def with_load_factor(record: Record) -> tuple[Record, str]:
-    """The record with ``nz`` (g, positive up) in the place of ``az``, and a sentence on it, empty where nothing was done.
+def instead_of(outputs: Collection[str]) -> dict[str, str]:
+    """Load factor -> accelerometer that is read where the load factor is not recorded, for a model with these outputs."""
+    return {name: channel for name, (channel, _) in ACCELEROMETERS.items() if name in outputs}
+
+
+def with_load_factors(record: Record) -> tuple[Record, tuple[str, ...]]:
+    """The record with load factors (g) in the place of accelerometers, and a sentence on each; of two channels for one the load factor counts.
 
     Raises
     ------
     RecordError : az is that of inverted flight: most likely it is positive up in this file.
     """
-    if "az" not in record.output_names or "nz" in record.output_names:
-        return record, ""
-    az = record["az"]
-    nz = Channel.of("nz", "g", np.where(az.valid, -az.values / G0, np.nan))
-    outputs = tuple(nz if channel.name == "az" else channel for channel in record.outputs)
-    level = float(np.median(nz.values[nz.valid]))
-    if level < -1.0 / MIDDLE:
-        what = f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} m/s2 in level flight"
-        raise RecordError(what, where=f"{record.name}, channel az", remedy="turn its sign, or hand it over as nz if it is positive up")
-    return replace(record, outputs=outputs), f"{record.name}: nz is -az/{G0:g}"
+    told = []
+    for name, (channel, sign) in ACCELEROMETERS.items():
+        if channel not in record.output_names or name in record.output_names:
+            continue
+        force = record[channel]
+        factor = Channel.of(name, "g", np.where(force.valid, sign * force.values / G0, np.nan))
+        outputs = tuple(factor if each.name == channel else each for each in record.outputs)
+        level = float(np.median(factor.values[factor.valid]))
+        if name == "nz" and level < -1.0 / MIDDLE:
+            what = f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} m/s2 in level flight"
+            raise RecordError(what, where=f"{record.name}, channel az", remedy="turn its sign, or hand it over as nz if it is positive up")
+        record = replace(record, outputs=outputs)
+        told.append(f"{record.name}: {name} is {'-' if sign < 0.0 else ''}{channel}/{G0:g}")
+    return record, tuple(told)

@@ -16,10 +16,10 @@ from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentenc
 from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
 from scenarios.preparation.interpreting import BETTER, better_by, linear_by, with_hold
-from scenarios.preparation.load_factor import with_load_factor
+from scenarios.preparation.load_factor import instead_of, with_load_factors
 from scenarios.preparation.plan import ATTITUDE, BY_HAND, WHOLE, Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, looked_at
-from scenarios.preparation.trim import about_trim, trim_sentence
+from scenarios.preparation.trim import about_trim, of_totals, trim_sentence
 from sim.declaration.model import Model
 from sim.record import Hold, Record
 
@@ -51,10 +51,10 @@ class Prepared:
 
 
 def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: nz from az, then the plan's common filter. Sentences on what was done; a record that needs nothing comes back itself."""
-    record, of_az = with_load_factor(record)
+    """What needs no model: load factors from accelerometers, then the plan's common filter. Sentences on what was done; a record that needs nothing comes back itself."""
+    record, of_accelerometers = with_load_factors(record)
     record, of_filter = filtered(record, plan)
-    return record, tuple(said for said in (of_az, of_filter) if said)
+    return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
 
 def prepare(
@@ -89,7 +89,7 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
-    first, known = [with_load_factor(record)[0] for record, _ in fitted], all(stated for _, stated in read)
+    first, known = [with_load_factors(record)[0] for record, _ in fitted], all(stated for _, stated in read)
     hold, weight, notes = _readings(first, model, plan, known=known)
     records: list[Record] = []
     told: list[str] = []
@@ -98,11 +98,12 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
         records.append(one)
         told += sentences
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
-        trimmed = [about_trim(record) for record in records]
+        trimmed = [(record, {}) if of_totals(model) else about_trim(record) for record in records]
     for record, trims in trimmed:
         units = {channel.name: channel.unit for channel in record.inputs}
         told += [f"{record.name}: trim of {name} taken off, {_shown(value, units[name])}" for name, value in trims.items()]
-    told += [said for record, trims in trimmed for name in record.input_names if name not in trims and (said := trim_sentence(record, name))]
+    if not of_totals(model):
+        told += [said for record, trims in trimmed for name in record.input_names if name not in trims and (said := trim_sentence(record, name))]
     told += [said for record in records if (said := flow_sentence(record, model))]
     wider, ready = with_flow(model, [record for record, _ in trimmed], weight=weight)
     flown = wider is not model
@@ -138,8 +139,7 @@ def _read(
     from scenarios.files.records import read_record
 
     inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
-    instead = {"nz": "az"} if "nz" in outputs else {}
-    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead)
+    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead_of(outputs))
     # Named by their files: a sidecar's name may be the same for all of them.
     return replace(record, name=named(file.path, segment, several=several)), file.sidecar.says_hold
 

@@ -6,13 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim.declaration.model import Model
 from sim.record import Channel, Record
 
 REST = 0.05  # of an input's span, within which it rests
 LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
 OFF = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
-QUICK = ("alpha", "q", "nz", "az")  # channels in which a motion shows at once
+QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")  # channels in which a motion shows at once
 STILL = 0.3  # of a channel's scatter over the record, by which it may change while the aircraft rests
+
+
+def of_totals(model: Model) -> bool:
+    """Whether the equations are of totals, not of perturbations about a trim: they know the airspeed, so inputs count from their own zero."""
+    return any(state.name == "airspeed" for state in model.equations.states)
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:

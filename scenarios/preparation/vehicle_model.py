@@ -13,7 +13,7 @@ RELATIVE_PRIOR = 0.5
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
-    """The declared model of a vehicle file for ``ballistic``, ``rigid``, ``flexible`` or ``loes``.
+    """The declared model of a vehicle file for one of ``MODELS``.
 
     Each free parameter gets a prior standard deviation of half its starting value (files may be 30 % wrong), for
     filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
@@ -27,7 +27,8 @@ def model_of_file(vehicle: VehicleFile) -> Model:
             else:
                 values[name] = value
     kind = "rigid" if vehicle.model == "flexible" else vehicle.model
-    model = model_from_constants(kind, constants, values, modes=len(vehicle.modes))
+    start = {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
+    model = model_from_constants(kind, constants, values, modes=len(vehicle.modes), initial=start)
     free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
     parameters = model.parameters.only_free(free)
     typical = max((abs(parameters[name].value) for name in free), default=1.0)

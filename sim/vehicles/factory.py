@@ -40,7 +40,7 @@ WHOLE_AXES: Mapping[str, tuple[Equations, Mapping[str, str], Mapping[str, str]]]
     "lateral": (Lateral(), LATERAL_CONSTANTS, LATERAL_DERIVATIVES),
     "longitudinal": (Longitudinal(), LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES),
 }
-_POSITIVE = {"mass", "wing_area", "chord", "span", "pitch_inertia", "roll_inertia", "yaw_inertia", "airspeed", "reference_airspeed", "air_density"}
+ABOVE_ZERO = {"mass", "wing_area", "chord", "span", "pitch_inertia", "roll_inertia", "yaw_inertia", "airspeed", "reference_airspeed", "air_density"}
 
 
 def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
@@ -215,7 +215,7 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     stem = re.sub(r"\d+$", "", name)
     if name in ("inv_tau", "delay") and number.value < 0:
         raise DeclarationError(f"{number.value:g} {unit} is negative", where=where, remedy="give zero or a positive number")
-    positive = stem in {*_POSITIVE, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
+    positive = stem in {*ABOVE_ZERO, *BALLISTIC_CONSTANTS, *BALLISTIC_DERIVATIVES, *MODE_CONSTANTS}
     if positive and not (number.value > 0 or (stem in _NOT_ABOVE_ZERO and number.value == 0)):
         raise DeclarationError(f"{number.value:g} {unit} is not positive", where=where, remedy="give a positive number")
     return number

@@ -13,7 +13,7 @@ from scenarios.files.measured.record_file import read_record_files
 from scenarios.files.records import read_record
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.interpreting import held_by_computer, linear_by
-from scenarios.preparation.load_factor import with_load_factor
+from scenarios.preparation.load_factor import with_load_factors
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.reading import prepare
 from sim.errors import RecordError
@@ -51,11 +51,11 @@ def test_nz_that_is_there_is_taken_and_a_broken_az_is_not_looked_at(tmp_path: Pa
     record = read_record(tmp_path / "both.csv", ["elevator"], OUTPUTS, instead={"nz": "az"})
     assert record.output_names == ("alpha", "nz") and record["nz"].values.tolist() == [1.0, 2.0]
     (tmp_path / "alone.csv").write_text("time,elevator,az\n0,0,-9.80665\n1,0,\n2,0,-19.6133\n")
-    alone, _ = with_load_factor(read_record(tmp_path / "alone.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
+    alone, _ = with_load_factors(read_record(tmp_path / "alone.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
     assert alone["nz"].valid.tolist() == [True, False, True] and alone["nz"].values[[0, 2]].tolist() == [1.0, 2.0]
     (tmp_path / "up.csv").write_text("time,elevator,az [g]\n0,0,2\n1,0,2\n")
     with pytest.raises(RecordError, match=r"up.csv, channel az: the middle of az is \+19.6 m/s2, but az is positive down: -9.81"):
-        with_load_factor(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
+        with_load_factors(read_record(tmp_path / "up.csv", ["elevator"], OUTPUTS, instead={"nz": "az"}))
 
 
 def test_further_channels_that_cannot_be_read_as_such_count_as_absent(tmp_path: Path) -> None:
