@@ -38,7 +38,8 @@ def _derived_text(key: str, value: float, std: float) -> str:
     """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative is that of a mode that grows."""
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
     grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < 0.0 else ""
-    return f"{key.replace('_', ' ')} {number(value, std)} +- {number(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
+    words = key.replace("_", " ").replace("dutch", "Dutch")
+    return f"{words} {number(value, std)} +- {number(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
