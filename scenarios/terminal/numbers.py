@@ -10,6 +10,8 @@ from rich.console import Console
 from ident.statistics.residuals import ResidualTest
 from scenarios.terminal.quantities import in_hertz
 
+GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
+
 
 def console(width: int | None = None) -> Console:
     """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
@@ -37,7 +39,7 @@ def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
 def _derived_text(key: str, value: float, std: float) -> str:
     """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative is that of a mode that grows."""
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
-    grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < 0.0 else ""
+    grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < -GROWING * std else ""
     words = key.replace("_", " ").replace("dutch", "Dutch")
     return f"{words} {number(value, std)} +- {number(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
 
