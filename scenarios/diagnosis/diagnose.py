@@ -154,7 +154,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects),
         posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
-        {effect.name: effect.traits for effect in candidates},
+        {effect.name: effect.traits for effect in reversed(candidates)},
         posed.notes,
         posed.doubts,
         kinematics,
