@@ -87,7 +87,12 @@ def bank_by_aileron(system: StateSpace) -> np.ndarray:
 # The tables' own derivatives: of Cx, Cz, Cm by u/V, alpha, q c/(2V), alpha_dot c/(2V), elevator, and CD of level flight.
 TABLES = {
     "navion_longitudinal": (0.05, (-0.10, None, 0.0, 0.0, 0.0), (0.0, -4.49, 0.0, 0.0, -0.355), (0.0, -0.683, -9.96, -4.36, -0.923)),
-    "boeing747_longitudinal": (0.043, (-0.108, 0.2193, 0.0, 0.0, 0.0), (-0.106, -4.92, -5.921, 5.896, -0.3648), (0.1043, -1.023, -23.92, -6.314, -1.444)),
+    "boeing747_longitudinal": (
+        0.043,
+        (-0.108, 0.2193, 0.0, 0.0, 0.0),
+        (-0.106, -4.92, -5.921, 5.896, -0.3648),
+        (0.1043, -1.023, -23.92, -6.314, -1.444),
+    ),
 }
 
 
@@ -134,8 +139,8 @@ def test_boeing_lateral_modes_are_etkins() -> None:
 
 
 def test_boeing_lateral_matrices_are_etkins() -> None:
-    printed = ("-0.0558", "-774", "32.2", "5.642", "-0.003865", "-0.4342", "0.4136", "-0.1431", "0.1144")
-    printed += ("0.001086", "-0.006112", "-0.1458", "0.003741", "-0.4859")
+    side, rolling = ("-0.0558", "-774", "32.2", "5.642"), ("-0.003865", "-0.4342", "0.4136", "-0.1431", "0.1144")
+    printed = (*side, *rolling, "0.001086", "-0.006112", "-0.1458", "0.003741", "-0.4859")
     check("boeing747_lateral", lambda values: per_foot(lateral(values), values), printed)
 
 
