@@ -150,18 +150,18 @@ def ballistic_flight(duration: float = 20.0, rate: float = 10.0) -> Flight:
     return Flight(time, np.zeros((0, time.size)), max_step=0.05)
 
 
-def lateral_flight(duration: float = 5.0, rate: float = 25.0) -> Flight:
+def lateral_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     """A 3-2-1-1 of the rudder, then a doublet of the aileron before it has ended."""
     time = np.arange(round(duration * rate) + 1) / rate
     doublet = 0.06 * (((time >= 2.2 - 1e-9) & (time < 2.8 - 1e-9)) * 1.0 - ((time >= 2.8 - 1e-9) & (time < 3.4 - 1e-9)))
-    return Flight(time, np.array([doublet, three_two_one_one(time, 0.6, 0.4, 0.08)]), max_step=0.02)
+    return Flight(time, np.array([doublet, three_two_one_one(time, 0.6, 0.4, 0.08)]), max_step=0.04)
 
 
-def longitudinal_flight(duration: float = 5.0, rate: float = 25.0) -> Flight:
+def longitudinal_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
     """A 3-2-1-1 of the elevator from level flight, and a step of thrust."""
     time = np.arange(round(duration * rate) + 1) / rate
     thrust = LEVEL[2] + 600.0 * (time >= 2.6 - 1e-9)
-    return Flight(time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.04), thrust]), max_step=0.02)
+    return Flight(time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.08), thrust]), max_step=0.04)
 
 
 def base_for(equations: str) -> tuple[Model, Flight]:

@@ -145,8 +145,8 @@ GUARDS: tuple[Traceable, ...] = (
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
     DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),
     DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
-    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("yaw", "roll"), "p"),
-    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("roll", "yaw"), "r"),
+    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (-0.5, -3.0), ("Cn_dr",), ("yaw", "roll"), "p"),
+    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (1.0, -3.0), ("Cn_dr",), ("roll", "yaw"), "r"),
     DriftingDerivatives("rudder", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "yaw"), "beta_air", "yaw"),
     DriftingDerivatives("aileron", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "roll"), "beta_air", "roll"),
 )
