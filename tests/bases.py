@@ -57,7 +57,15 @@ LATERAL_VALUES = {
     **{"Cn_beta": 0.071, "Cn_p": -0.0575, "Cn_r": -0.125, "Cn_da": 0.0035, "Cn_dr": -0.072},
 }
 LONGITUDINAL_VALUES = {
-    **{"mass": 1247.0, "wing_area": 17.1, "chord": 1.74, "pitch_inertia": 4067.0, "air_density": 1.225, "reference_airspeed": 53.6, "thrust_arm": 0.1},
+    **{
+        "mass": 1247.0,
+        "wing_area": 17.1,
+        "chord": 1.74,
+        "pitch_inertia": 4067.0,
+        "air_density": 1.225,
+        "reference_airspeed": 53.6,
+        "thrust_arm": 0.1,
+    },
     **{"CD_0": 0.05, "CD_V": 0.003, "CD_alpha": 0.33, "CL_0": 0.3, "CL_V": 0.01, "CL_alpha": 4.44, "CL_q": 3.8, "CL_de": 0.355},
     **{"Cm_0": 0.01, "Cm_V": 0.0258, "Cm_alpha": -0.54, "Cm_q": -14.3, "Cm_de": -0.912},
 }

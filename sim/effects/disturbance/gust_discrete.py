@@ -79,4 +79,6 @@ class GustDiscrete:
         return gust_probes(context, self.fine)
 
 
-VARIANTS: tuple[Traceable, ...] = tuple(GustDiscrete(lasting, speed=speed) for speed in ("airspeed", "reference_airspeed") for lasting in (False, True))
+VARIANTS: tuple[Traceable, ...] = tuple(
+    GustDiscrete(lasting, speed=speed) for speed in ("airspeed", "reference_airspeed") for lasting in (False, True)
+)

@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import labelled
+from sim.effects.instances import all_labelled, labelled
 from sim.effects.loads import LOADS, load_parameters
 from sim.maths.elementary import absolute
 
@@ -97,7 +97,6 @@ class DriftingDerivatives:
     station: ClassVar[Station] = Station.DYNAMICS
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"stability": 0.0, "control": 0.0, "slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("speed-variation", "derivative-jump")
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         per_record=True,
@@ -111,6 +110,10 @@ class DriftingDerivatives:
     @property
     def name(self) -> str:
         return labelled("guard:drifting-derivatives", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("speed-variation", *all_labelled(("derivative-jump",), self.label))
 
     @property
     def needs(self) -> tuple[str, ...]:
