@@ -13,11 +13,12 @@ from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
+from scenarios.files.own_models import is_own
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
-from scenarios.preparation.vehicle_model import model_of_file
+from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -41,7 +42,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
 
     ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
 
-    Each output but an altitude gets a constant bias, each record its own initial state. A filter takes its measurement
+    Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
     noise from the residual of an output-error fit, its initial state from the first samples, and is
     iterated from its own result, because a file's starting values may be far off. ``filter-error`` puts an aircraft into
     Dryden turbulence of unknown intensity and length, and forces a falling body by white noise of unknown size.
@@ -58,17 +59,19 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         found = identify_loes(record, vehicle)
         return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows))
     model = model or model_of_file(vehicle)
-    if not uses_attitude(vehicle, method):
+    own, said = vehicle.own is not None, ""
+    if not own and not uses_attitude(vehicle, method):
         model, records = without_theta(model, records)
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
-    model, said = weighed(model, records, outputs)
-    biased = model.with_biases([name for name in outputs if vehicle.model != "ballistic"])
+    if not own:
+        model, said = weighed(model, records, outputs)
+    biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     system, estimate = _estimated(records, biased, outputs, method, FitSettings(FIT_STEP, use_priors=bool(vehicle.modes)))
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
-    airborne = vehicle.model != "ballistic" and bool(np.all(np.isfinite(estimate.values)))
+    airborne = vehicle.model != "ballistic" and _at_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
@@ -86,6 +89,11 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         notes=tuple(note for note in (said, estimate.message) if note),
         cautions=cautions_of(vehicle, estimate, rows),
     )
+
+
+def _at_rest(model: Model) -> bool:
+    """Whether a motion about rest is what the model is declared for: only there is its natural frequency asked."""
+    return not is_own(model) or not np.any(model.initial.values())
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:

@@ -11,6 +11,7 @@ from ident.statistics.coloured_covariance import effective_share
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
+from scenarios.preparation.vehicle_model import outputs_with_bias
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Hold, Record
@@ -82,7 +83,7 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
 
 def _fit(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> Fit | None:
     model, records = reading
-    biased = model.with_biases([name for name in outputs if name != "altitude"])
+    biased = model.with_biases(outputs_with_bias(model, outputs))
     return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), SETTINGS, local=local)))
 
 

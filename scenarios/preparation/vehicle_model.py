@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from scenarios.files.vehicles import VehicleFile
-from sim.declaration.model import Model
-from sim.declaration.parameters import ParameterSet
+from sim.declaration.model import Biased, Model
 from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.
@@ -18,6 +19,8 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     Each free parameter gets a prior standard deviation of half its starting value (files may be 30 % wrong), for
     filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
     """
+    if vehicle.own is not None:
+        return _with_prior(vehicle.own, list(vehicle.derivatives))
     values = {**vehicle.derivatives}
     constants = {**vehicle.constants}
     for number, mode in vehicle.modes:
@@ -30,10 +33,24 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     start = {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
     model = model_from_constants(kind, constants, values, modes=len(vehicle.modes), initial=start)
     free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
+    return _with_prior(model, free)
+
+
+def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
+    """Which of the outputs have a free constant bias in a fit: those that the equations name, else all but an altitude.
+
+    Of a falling body an altitude's bias is the same as another ballistic coefficient.
+    """
+    if isinstance(model.equations, Biased):
+        return [name for name in outputs if name in model.equations.biased_outputs]
+    return [name for name in outputs if name != "altitude"]
+
+
+def _with_prior(model: Model, free: Sequence[str]) -> Model:
     parameters = model.parameters.only_free(free)
     typical = max((abs(parameters[name].value) for name in free), default=1.0)
-    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or 0.01 * typical) for name in free}
-    return model.with_parameters(ParameterSet(tuple(parameters.with_prior(prior))))
+    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or 0.01 * typical or 1.0) for name in free}
+    return model.with_parameters(parameters.with_prior(prior))
 
 
 def _coupling(name: str, modes: int) -> bool:

@@ -178,5 +178,7 @@ def _inputs(tracing: Tracing) -> dict[str, Any]:
     }
     if inputs.effects:
         out |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+    if inputs.model is not None:
+        out |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
     out |= {"held_out": [record.name for record in tracing.validation]}
     return out | ({"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {})
