@@ -12,6 +12,7 @@ from typing import Any
 
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
+from sim.declaration.own_biases import biases_told
 from sim.declaration.own_equations import Answer, OwnEquations
 from sim.declaration.own_trial import Starts, try_model
 from sim.declaration.parameters import Parameter, ParameterSet
@@ -53,7 +54,9 @@ def own_model(
         which is added to its rate; declared, the functions take them as ``s.PORT``.
     flow : ``flow(s, p)`` gives further signals by name, formed once and used by both others.
     initial : name -> value of a state at the start, zero where it is left out; of an input: where the functions are tried.
-    bounds : name of a parameter -> (lowest, highest). biases : outputs whose sensors have a free constant bias; all when None.
+    bounds : name of a parameter -> (lowest, highest).
+    biases : outputs whose sensors have a free constant bias; when None all, but for those that no record tells from where its states begin
+        (``sim.declaration.own_biases``).
 
     Raises
     ------
@@ -81,10 +84,18 @@ def own_model(
         rate_ports=tuple(port.name for port in entering) if ports is None else (),
         biased_outputs=_biased(name, biases, [signal.name for signal in read]),
     )
-    zero = {each.name: 0.0 for each in (*moving, *driving, *entering)}
-    formed = try_model(equations, Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers}))
-    begun = (Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in moving)
-    return Model(replace(equations, formed_names=formed), numbers, ParameterSet(tuple(begun)))
+    return _model(equations, numbers, start, all_biases=biases is None)
+
+
+def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool) -> Model:
+    """The model of equations that were tried at their starts."""
+    zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
+    starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
+    equations = replace(equations, formed_names=try_model(equations, starts))
+    if all_biases:
+        equations = replace(equations, biased_outputs=biases_told(equations, starts))
+    begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]
+    return Model(equations, numbers, ParameterSet(tuple(begun)))
 
 
 def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:

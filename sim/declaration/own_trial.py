@@ -43,7 +43,7 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
             told = f"{_told(what, name)} is {value:g} at the starts"
             raise ModelError(told, where=f"model {equations.name}, {what}", remedy="give starts and `initial` values at which it is a number")
     for side in (1.0, -1.0):
-        _compare_slopes(equations, _aside(starts, side))
+        _compare_slopes(equations, beside(starts, side))
     arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
     for (what, name), value in _evaluated(equations, arrays).items():
         if np.shape(value) not in ((), (2,)):
@@ -109,7 +109,7 @@ def _told(what: str, name: str) -> str:
     return f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of {name}".replace("signal of", "signal")
 
 
-def _aside(starts: Starts, side: float) -> Starts:
+def beside(starts: Starts, side: float) -> Starts:
     """A point beside the starts, each value moved by another amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
