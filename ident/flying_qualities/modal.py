@@ -1,14 +1,31 @@
-"""Natural frequency and damping of an estimated model's slowest oscillation, with bounds by linearisation."""
+"""Modes of an estimated model: frequencies, dampings and time constants, with bounds by linearisation."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from ident.estimate import Estimate
+from ident.flying_qualities.whole_axes import LATERAL_STATES, LONGITUDINAL_STATES, lateral_modes, longitudinal_modes
 from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian
+
+MODAL_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        "natural_frequency": "rad/s",
+        "damping_ratio": "1",
+        "dutch_roll_frequency": "rad/s",
+        "dutch_roll_damping": "1",
+        "roll_time_constant": "s",
+        "spiral_time_constant": "s",
+        "short_period_frequency": "rad/s",
+        "short_period_damping": "1",
+        "phugoid_frequency": "rad/s",
+        "phugoid_damping": "1",
+    }
+)
 
 
 def slowest_oscillation(system: System, p: np.ndarray, held: Collection[str] = ()) -> tuple[float, float] | None:
@@ -28,26 +45,43 @@ def slowest_oscillation(system: System, p: np.ndarray, held: Collection[str] = (
 
 
 def modal_estimate(system: System, estimate: Estimate, held: Collection[str] = ()) -> dict[str, tuple[float, float]]:
-    """``natural_frequency`` and ``damping_ratio`` with standard deviations; empty where the model does not oscillate.
+    """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have are left out.
 
-    Standard deviations by linearisation in the estimated parameters, as TM-101722 does for its figure 8. ``held`` as there.
+    ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where the states are those of a lateral or a
+    whole longitudinal motion. Standard deviations by linearisation in the estimated parameters, as TM-101722 does for its figure 8.
+    ``held`` as in ``slowest_oscillation``.
     """
+    modes = _modes_of(system, held)
     p = system.parameters.values()
     index = [system.parameters.index(name) for name in estimate.names]
     p[index] = estimate.values
-    centre = slowest_oscillation(system, p, held)
-    if centre is None:
-        return {}
-    gradient = np.zeros((2, len(index)))
+    centre = modes(p)
+    gradient = {name: np.zeros(len(index)) for name in centre}
     for column, (i, sigma) in enumerate(zip(index, estimate.std, strict=True)):
         step = max(1e-4 * sigma, 1e-9 * abs(p[i]), 1e-300)
-        pair = []
-        for sign in (1.0, -1.0):
-            moved = p.copy()
-            moved[i] += sign * step
-            pair.append(slowest_oscillation(system, moved, held))
-        if pair[0] is None or pair[1] is None:
-            return {}
-        gradient[:, column] = (np.array(pair[0]) - np.array(pair[1])) / (2.0 * step)
-    std = np.sqrt(np.maximum(np.diag(gradient @ estimate.covariance @ gradient.T), 0.0))
-    return {"natural_frequency": (centre[0], float(std[0])), "damping_ratio": (centre[1], float(std[1]))}
+        above, below = (modes(_moved(p, i, by)) for by in (step, -step))
+        gradient = {name: row for name, row in gradient.items() if name in above and name in below}
+        for name, row in gradient.items():
+            row[column] = (above[name] - below[name]) / (2.0 * step)
+    return {name: (centre[name], float(np.sqrt(max(row @ estimate.covariance @ row, 0.0)))) for name, row in gradient.items()}
+
+
+def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], dict[str, float]]:
+    """From all parameters to the modes of the system."""
+    states = {state.name for state in system.states}
+    if states.issuperset(LATERAL_STATES):
+        return lambda p: lateral_modes(system, p)
+    if states.issuperset(LONGITUDINAL_STATES):
+        return lambda p: longitudinal_modes(system, p)
+
+    def short_period(p: np.ndarray) -> dict[str, float]:
+        found = slowest_oscillation(system, p, held)
+        return {} if found is None else dict(zip(("natural_frequency", "damping_ratio"), found, strict=True))
+
+    return short_period
+
+
+def _moved(p: np.ndarray, i: int, by: float) -> np.ndarray:
+    moved = p.copy()
+    moved[i] += by
+    return moved

@@ -29,7 +29,7 @@ NEAR = 3.0  # factor within which a control power is that of the vehicle's data;
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control moves otherwise.
 TOGETHER, APART = 0.85, 0.7
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
-SMALL_ANGLES = ("alpha", "elevator")  # in rad, perturbations of a short-period motion
+SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")  # in rad, of a motion that linear equations describe
 LARGEST, REACHED = 1.5, 99.0  # rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
 LARGE = 0.6  # rad, of an angle of attack from end to end
@@ -68,7 +68,7 @@ def _of_az(finding: Finding) -> Finding:
 
 
 def _far(channel: Channel) -> Finding | None:
-    """An angle of a short-period motion that moves too far for radians."""
+    """A flow angle or a control that moves too far for radians."""
     values = channel.values[channel.valid]
     reach = float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
     if reach <= LARGEST:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.modal import modal_estimate
+from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
@@ -181,11 +181,11 @@ def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dic
         return {}
     plain = _estimate(fitted)
     inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
-    units, estimate = {"natural_frequency": "rad/s", "damping_ratio": "1"}, replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
+    estimate = replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
     # The short period is meant, at one speed: what any record may have beside it is slower.
     slow = {state.name for effect in fitted.background if isinstance(effect, DynamicsEffect) for state in effect.states}
     modes = modal_estimate(fitted.system, estimate, slow)
-    out = {name: Quantity(value, max(std, 1e-300), units[name]) for name, (value, std) in modes.items()}
+    out = {name: Quantity(value, max(std, 1e-300), MODAL_UNITS[name]) for name, (value, std) in modes.items()}
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
     return out

@@ -68,8 +68,13 @@ def check_files(request: Request) -> Check:
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
     """The constants that the kinematics use."""
-    settings = CompatibilitySettings(airspeed=vehicle.constants["airspeed"], vane_arm=vehicle.constants.get("vane_arm", 0.0))
+    settings = CompatibilitySettings(airspeed=_airspeed_of(vehicle), vane_arm=vehicle.constants.get("vane_arm", 0.0))
     return replace(settings, gravity=vehicle.constants["gravity"]) if "gravity" in vehicle.constants else settings
+
+
+def _airspeed_of(vehicle: VehicleFile) -> float:
+    """The declared airspeed; of equations that know the airspeed the one that they are referred to."""
+    return vehicle.constants["airspeed" if "airspeed" in vehicle.constants else "reference_airspeed"]
 
 
 def record_to_check(

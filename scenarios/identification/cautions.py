@@ -10,11 +10,8 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
 
-AIRCRAFT = (
-    "rigid",
-    "flexible",
-    "loes",
-)  # models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start
+# Models whose declared derivatives are knowledge; the ballistic coefficient of an unknown body is a mere start.
+AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 

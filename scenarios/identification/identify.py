@@ -18,6 +18,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
+from scenarios.preparation.trim import of_totals
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -32,8 +33,10 @@ FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
 FIT_STEP = 0.01
 PASSES = 5
+BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
+TURBULENCE = "gust-turbulence"
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -146,11 +149,20 @@ def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest,
 
 
 def _forced(model: Model) -> Model:
-    """The model with what filter error estimates besides: turbulence where gusts act, else white noise on the acceleration."""
-    if any(port.name == "gust" for port in model.equations.ports):
-        from sim.effects.disturbance.gust_turbulence import GustTurbulence
+    """The model with what filter error estimates besides: turbulence where gusts act, white noise on the acceleration of a falling body.
 
-        return model.with_effects(GustTurbulence())
+    Raises
+    ------
+    DeclarationError : equations on which neither is known to act.
+    """
+    from sim.effects.library import effects_for
+
+    rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
+    if rough is not None:
+        return model.with_effects(rough)
+    if not any(state.name == "velocity" for state in model.equations.states):
+        what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
+        raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
     return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
 
 
@@ -179,9 +191,10 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
     """Noise, initial state and bias priors for a filter, from the record alone.
 
     A sensor's zero is looked for about where its record begins, the perturbation from trim about zero: a record of total
-    angles must not start the state at the trim's.
+    angles must not start the state at the trim's. Equations of totals are the other way about.
     """
     std, spread, begins = {}, {}, {}
+    totals = of_totals(model)
     for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
         channel = record[name]
         values = channel.values[channel.valid]
@@ -191,10 +204,14 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
         begins[name] = float(np.median(values[:BEGINNING]))
     states = []
     for item in model.initial:
-        value, prior = _first_state(item.name, record, outputs, std, spread)
+        if totals and item.name in outputs:
+            value, prior = begins[item.name], BIASED * spread[item.name]
+        else:
+            value, prior = _first_state(item.name, record, outputs, std, spread)
         states.append(replace(item, value=value, prior_std=prior))
-    parameters = model.parameters.with_values({f"bias_{name}": begins[name] for name in model.biases})
-    parameters = parameters.with_prior({f"bias_{name}": 3.0 * spread[name] for name in model.biases})
+    zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
+    parameters = model.parameters.with_values(zeros)
+    parameters = parameters.with_prior({f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases})
     return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
 
 

@@ -22,19 +22,26 @@ METRES_PER_SECOND = DisplayUnit("m/s")
 _DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s²"}
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
-_SIGNALS = {"alpha": r"$\alpha$", "q": "$q$", "nz": "$n_z$", "theta": r"$\theta$", "elevator": r"elevator $\delta_e$", "stick": r"stick $\delta_p$"}
+_SIGNALS = {
+    **{"alpha": r"$\alpha$", "q": "$q$", "nz": "$n_z$", "theta": r"$\theta$", "airspeed": "$V$", "nx": "$n_x$"},
+    **{"beta": r"$\beta$", "p": "$p$", "r": "$r$", "phi": r"$\phi$", "ny": "$n_y$"},
+    **{"elevator": r"elevator $\delta_e$", "aileron": r"aileron $\delta_a$", "rudder": r"rudder $\delta_r$"},
+    **{"thrust": "thrust $T$", "stick": r"stick $\delta_p$"},
+}
 _SYMBOLS = {
     "inv_tau": r"$1/\tau$",
     "delay": "$t_d$",
     "delta": r"$\delta$",
     "delta_0": r"$\delta_0$",
     "nz_0": "$n_{z0}$",
-    "beta": r"$\beta$",
     "natural_frequency": r"$\omega_n$",
     "damping_ratio": r"$\zeta$",
 }
 # Subscripts of a subscript are written on its line: at the size of a tick label they cannot be read.
-_ARGUMENTS = {"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0"}
+_ARGUMENTS = {
+    **{"alpha": r"\alpha", "q": "q", "de": r"\delta e", "delta": r"\delta", "0": "0", "V": "V"},
+    **{"beta": r"\beta", "p": "p", "r": "r", "da": r"\delta a", "dr": r"\delta r"},
+}
 
 
 def display_unit(unit: str) -> DisplayUnit:
@@ -58,7 +65,7 @@ def symbol(name: str) -> str:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
         return f"bias of {symbol(name.removeprefix('bias_'))}"
-    if found := re.fullmatch(r"(?:(C)(L|m)|(L|M))_(\w+)", name):
+    if found := re.fullmatch(r"(?:(C)([LDmYln])|(L|M))_(\w+)", name):
         argument = _argument(found[4])
         if argument is not None:
             return f"${found[3]}_{{{argument}}}$" if found[3] else f"$C_{{{found[2]}{argument}}}$"

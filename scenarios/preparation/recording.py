@@ -68,12 +68,12 @@ def expectations_of(model: Model) -> Expectations:
     if is_own(model):
         return Expectations(aircraft=False)
     p = model.parameters
-    speed = p["airspeed"].value if "airspeed" in p else None
+    speed = next((p[name].value for name in ("airspeed", "reference_airspeed") if name in p), None)
     gravity = p["gravity"].value if "gravity" in p else G0
     if "M_delta" in p:
         return Expectations(speed, gravity, p["M_delta"].value)
-    if all(name in p for name in ("air_density", "airspeed", "wing_area", "chord", "pitch_inertia", "Cm_de")):
-        moment = 0.5 * p["air_density"].value * p["airspeed"].value ** 2 * p["wing_area"].value * p["chord"].value
+    if speed is not None and all(name in p for name in ("air_density", "wing_area", "chord", "pitch_inertia", "Cm_de")):
+        moment = 0.5 * p["air_density"].value * speed**2 * p["wing_area"].value * p["chord"].value
         return Expectations(speed, gravity, moment / p["pitch_inertia"].value * p["Cm_de"].value, angular_control=True)
     return Expectations(speed, gravity)
 

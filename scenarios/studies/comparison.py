@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ident.estimate import Estimate
+from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
@@ -16,7 +17,7 @@ from scenarios.studies.study import MethodResult, Study
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
-DERIVED_UNITS = {"natural_frequency": "rad/s", "damping_ratio": "1", "delay": "s"}
+DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
 def comparison(study: Study) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
 from scenarios.terminal.quantities import in_hertz
+
+GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
 
 def console(width: int | None = None) -> Console:
@@ -30,8 +33,15 @@ def number(value: float, std: float | None = None) -> str:
 
 def derived_line(derived: Mapping[str, tuple[float, float]]) -> str:
     """Natural frequency, damping and the like with their sigmas, in one line."""
-    words = {"natural_frequency": "natural frequency {} rad/s", "damping_ratio": "damping ratio {}", "delay": "delay {} s"}
-    return "; ".join(words[key].format(f"{number(v, s)} +- {number(s, s)}") + in_hertz(v, key, "rad/s") for key, (v, s) in derived.items())
+    return "; ".join(_derived_text(key, value, std) for key, (value, std) in derived.items())
+
+
+def _derived_text(key: str, value: float, std: float) -> str:
+    """``"phugoid frequency 0.0881 +- 0.0012 rad/s (0.014 Hz)"``; a time constant that is negative is that of a mode that grows."""
+    unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
+    grows = f" (grows, doubled after {-value * math.log(2.0):.3g} s)" if key.endswith("time_constant") and value < -GROWING * std else ""
+    words = key.replace("_", " ").replace("dutch", "Dutch")
+    return f"{words} {number(value, std)} +- {number(std, std)}{unit}{in_hertz(value, key, unit.strip())}{grows}"
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:

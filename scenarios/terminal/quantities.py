@@ -9,7 +9,11 @@ from ident.tracing.diagnosis import Quantity
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
 
 
-CHANNELS = {"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor"}
+# Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
+CHANNELS = {
+    **{"alpha": "angle of attack", "q": "pitch rate", "nz": "load factor", "theta": "pitch attitude", "nx": "axial load factor"},
+    **{"beta": "angle of sideslip", "p": "roll rate", "r": "yaw rate", "phi": "bank angle", "ny": "lateral load factor"},
+}
 
 
 UNDETERMINED = "not determined by these data"

@@ -46,8 +46,17 @@ def library() -> tuple[Effect, ...]:
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
-    """The effects that can act on a vehicle: those whose input, channel and ports it has."""
-    return tuple(effect for effect in library() if applies(effect, equations))
+    """The effects that can act on a vehicle: those whose input, channel and ports it has, and those that are made from its declaration.
+
+    A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and ports that none of its ``VARIANTS`` is for.
+    """
+    found: list[Effect] = []
+    for module in effect_modules():
+        known = [effect for effect in getattr(module, "VARIANTS", ()) if applies(effect, equations)]
+        names = {effect.name for effect in known}
+        made = module.made_for(equations) if hasattr(module, "made_for") else ()
+        found += [*known, *(effect for effect in made if effect.name not in names and applies(effect, equations))]
+    return tuple(found)
 
 
 def guards_for(equations: Equations) -> tuple[Traceable, ...]:
@@ -65,7 +74,8 @@ def applies(effect: Effect, equations: Equations) -> bool:
     """Whether a vehicle has the input, the output, the ports, the constants and the states that an effect acts on."""
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
     ports, states = {port.name for port in equations.ports}, {signal.name for signal in equations.states}
-    fed = not isinstance(effect, OnSignal) or effect.signal in inputs
+    # Of several inputs each has its own instance, which its label names.
+    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and (len(inputs) == 1 or getattr(effect, "label", effect.signal) != ""))
     read = not isinstance(effect, OnChannel) or effect.channel in outputs
     able = ports.issuperset(ports_needed(effect)) and states.issuperset(rates_read_by(effect))
     return fed and read and able and {*equations.parameter_names}.issuperset(constants_needed(effect))
@@ -79,7 +89,7 @@ def effect_names() -> tuple[str, ...]:
 def traits_of(name: str) -> Traits:
     """What is known of the library's effect of that name, or of its first instance (``elastic-mode`` for ``elastic-mode#2``).
 
-    Of a name that the library lacks nothing is known.
+    Of a name that the library lacks nothing is known; instances made from a declaration carry their own traits.
     """
     effects = [effect for effect in library() if isinstance(effect, Traceable)]
     first = [effect for effect in effects if effect.name == name.partition("#")[0]]

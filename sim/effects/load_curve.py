@@ -16,7 +16,7 @@ from sim.maths.splines import combine, natural_shapes, shape_names
 
 @dataclass(frozen=True)
 class LoadCurve:
-    """``port`` += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0.
+    """``port`` += f(alpha), f a natural cubic spline over ``[low, high]`` with f(0) = f'(0) = 0; of sideslip, f(beta).
 
     f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths.splines`): each is the root mean square that its shape adds over
     the range, in the port's unit: a coefficient on the rigid aircraft, 1/s of alpha_dot or 1/s2 on the low-order equivalent system.
@@ -26,6 +26,8 @@ class LoadCurve:
     ----------
     port : what it adds to. name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
     unit, size : of what is added, and a usual one. needs_constants : those of the equations it is written for.
+    angle, flown : what it is a curve of, and the output that shows its range. middle : of that range, from which f counts where the angle
+        is a ``total``.
     low, high : the flown range, rad. fine : nine shapes instead of four, the first four the same.
     """
 
@@ -40,6 +42,10 @@ class LoadCurve:
     low: float = -0.15
     high: float = 0.15
     fine: bool = False
+    angle: str = "alpha_air"
+    flown: str = "alpha"
+    middle: float = 0.0
+    total: bool = False
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -61,21 +67,24 @@ class LoadCurve:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=(f"{self.load} is not linear in the angle of attack",),
+            sentences=(f"{self.load} is not linear in the angle of {'attack' if self.flown == 'alpha' else 'sideslip'}",),
             short_name=self.short_name,
             plausible=dict.fromkeys(shape_names(self.fine), (-30.0 * self.size, 30.0 * self.size)),
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {self.port: combine(natural_shapes(self.low, self.high, self.fine), s.alpha_air, p)}
+        at = getattr(s, self.angle)
+        at = at - self.middle if self.total else at
+        return {self.port: combine(natural_shapes(self.low - self.middle, self.high - self.middle, self.fine), at, p)}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, context: SearchContext) -> LoadCurve:
         """The same over the range of angles that the record flew."""
-        low, high = context.flown_range("alpha") or (self.low, self.high)
-        return replace(self, low=low, high=high)
+        low, high = context.flown_range(self.flown) or (self.low, self.high)
+        middle = 0.5 * (low + high) if self.total else 0.0
+        return replace(self, low=low, high=high, middle=middle)
 
     def finer(self) -> LoadCurve:
         """The same with five finer shapes."""

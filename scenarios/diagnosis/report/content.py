@@ -12,8 +12,9 @@ from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.probabilities import shown_probability
-from scenarios.diagnosis.report.text import UNITS, derived_of, headline, verdict_advice, wording_of
+from scenarios.diagnosis.report.text import derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.versions import versions
 from scenarios.preparation.record_words import record_content
 
@@ -45,7 +46,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "error": {
             "held_out": d.held_out,
             "used_to_choose": d.used_to_choose,
-            "unit": {name: UNITS[name] for name in d.error_before.rmse if name in UNITS},
+            "unit": {name: CHANNEL_UNITS[name] for name in d.error_before.rmse if name in CHANNEL_UNITS},
             "before": _errors(d.error_before),
             "after": _errors(d.error_after),
             "noise_floor": _finite_only(d.noise_floor),

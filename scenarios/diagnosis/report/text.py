@@ -15,12 +15,11 @@ from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
-from scenarios.terminal.quantities import DEGREES, is_frequency, value_text
+from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
 
-UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "altitude": "m"}
-LONG = {"alpha": "angle-of-attack", "q": "pitch-rate", "nz": "load-factor", "altitude": "altitude"}
 MOVED = 2.0  # sigmas
 
 
@@ -58,7 +57,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = [signal.name for signal in tracing.model.equations.inputs]
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.own)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.own, tuple(inputs))
 
 
 def subject(tracing: Tracing) -> str:
@@ -248,7 +247,7 @@ def _error_phrase(tracing: Tracing) -> str:
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
     tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
-    return f"{LONG.get(fell, fell)} error {change} {unit} on {where_predicted(tracing)}{tail}"
+    return f"{CHANNELS.get(fell, fell).replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
 
 def _most_moved(d: Diagnosis) -> str:
@@ -259,7 +258,7 @@ def _most_moved(d: Diagnosis) -> str:
 
 def _shown(channel: str) -> tuple[float, str]:
     """What turns a channel's numbers into those that people read, and their unit."""
-    unit = UNITS.get(channel, "")
+    unit = CHANNEL_UNITS.get(channel, "")
     return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 

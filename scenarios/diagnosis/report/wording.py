@@ -17,18 +17,25 @@ _TIMES = ("time", "start", "begin", "duration")
 @dataclass(frozen=True)
 class Wording:
     """What the sentences need to know of the study: the name of the control, the stick's unit where there is one, and the traits of the
-    user's ``own`` effects by name; those of all others stand with the library's.
+    user's ``own`` effects by name; those of all others stand with the library's. ``controls``: all inputs where there are several, of
+    which the part of an effect's name behind the colon says on which it acts.
     """
 
     control: str = "elevator"
     stick_unit: str = ""
     own: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
+    controls: tuple[str, ...] = ()
 
     def traits(self, name: str) -> Traits:
         """What is known of an effect: of a user's own, else of the library's."""
         from sim.effects.library import traits_of
 
         return self.own[name] if name in self.own else traits_of(name)
+
+    def control_of(self, name: str) -> str:
+        """The input that an effect acts on, ``"input-delay:rudder"``; the first of all where its name does not say."""
+        acted_on = name.partition(":")[2].partition("#")[0]
+        return acted_on if acted_on in self.controls else self.control
 
 
 def sentence(claim: Claim, wording: Wording) -> str:
@@ -55,8 +62,9 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
     """The first of some templates that the claim's parameters fill in, else its name and parameters."""
     channel = claim.name.partition(":")[2]
     fields = _fields(claim, wording)
-    sticks = "does nothing" if wording.control == "stick" else "sticks"
-    fields |= {"control": wording.control, "sticks": sticks, "channel": CHANNELS.get(channel, channel)}
+    control = wording.control_of(claim.name)
+    sticks = "does nothing" if control == "stick" else "sticks"
+    fields |= {"control": control, "sticks": sticks, "channel": CHANNELS.get(channel, channel)}
     for template in templates:
         try:
             return template.format_map(fields)

@@ -29,14 +29,16 @@ class GustDiscrete:
     lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its length is V duration/2).
     fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the gust, or over its rise, less what would
         change the peak: gusts that begin with a kink, rise faster than they fall, or are flat on top.
+    speed : the constant that is the declared airspeed. port : ``gust``, w/V from below, or from the right on lateral equations; ``headwind``, w
+        from ahead (`gust-horizontal`).
     """
 
     lasting: bool = False
     fine: bool = False
+    speed: str = "airspeed"
+    port: str = "gust"
 
-    name: ClassVar[str] = "gust-discrete"
     station: ClassVar[Station] = Station.DISTURBANCE
-    needs: ClassVar[tuple[str, ...]] = ("gust",)
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -54,6 +56,18 @@ class GustDiscrete:
         "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good. "
         "Either has a freer form, with three shapes more: gusts that begin with a kink, rise faster than they fall, or are flat on top."
     )
+
+    @property
+    def name(self) -> str:
+        return "gust-discrete" if self.port == "gust" else "gust-horizontal"
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (self.port,)
+
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -86,7 +100,7 @@ class GustDiscrete:
             middle = 0.0 if self.lasting else (0.0, 1.0, 0.0, -1.0)[k]
             phase = clip((s.time - p.start) / p.duration, 0.0, end)
             gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
-        return {"gust": gust / vehicle.airspeed}
+        return {self.port: gust / getattr(vehicle, self.speed) if self.port == "gust" else gust}
 
     def finer(self) -> GustDiscrete:
         """The same with a freer course."""
@@ -101,4 +115,8 @@ class GustDiscrete:
         return tuple(Probe({**self.absent, "start": context.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
 
 
-VARIANTS: tuple[Traceable, ...] = (GustDiscrete(), GustDiscrete(lasting=True))
+VARIANTS: tuple[Traceable, ...] = (
+    GustDiscrete(),
+    GustDiscrete(lasting=True),
+    *(GustDiscrete(lasting, speed="reference_airspeed", port=port) for port in ("gust", "headwind") for lasting in (False, True)),
+)

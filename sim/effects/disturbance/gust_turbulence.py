@@ -24,13 +24,18 @@ class GustTurbulence:
     sigma^2. White noise of unit density through sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2, T = length/V, with two states in m/s:
     gust_1_dot = -gust_1/T + noise of density sigma^2/T,  gust_2_dot = (gust_1 - gust_2)/T,
     w = sqrt(3) gust_1 + (1 - sqrt(3)) gust_2. w/V adds to alpha in the loads and the vane's reading; V is the declared airspeed.
-    Without noise the states stay at zero and a simulation is that of calm air.
+    Without noise the states stay at zero and a simulation is that of calm air. On lateral equations the gusts come from the right.
+
+    Attributes
+    ----------
+    speed : the constant that is the declared airspeed.
     """
+
+    speed: str = "airspeed"
 
     name: ClassVar[str] = "gust-turbulence"
     station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("gust",)
-    needs_constants: ClassVar[tuple[str, ...]] = ("airspeed",)
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("sigma", 1.0, "m/s", bounds=(0.0, 30.0)),
         Parameter("length", 300.0, "m", bounds=(5.0, 10000.0)),
@@ -52,16 +57,20 @@ class GustTurbulence:
         "derivative look better known than it is."
     )
 
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"gust": (ROOT3 * s.gust_1 + (1.0 - ROOT3) * s.gust_2) / vehicle.airspeed}
+        return {"gust": (ROOT3 * s.gust_1 + (1.0 - ROOT3) * s.gust_2) / getattr(vehicle, self.speed)}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        rate = vehicle.airspeed / p.length
+        rate = getattr(vehicle, self.speed) / p.length
         return -rate * s.gust_1, rate * (s.gust_1 - s.gust_2)
 
     def density(self, vehicle: Any, p: Any) -> Sequence[Any]:
         """Spectral density of the noise on each state's rate, (m/s)^2/s."""
-        density = p.sigma * p.sigma * vehicle.airspeed / p.length
+        density = p.sigma * p.sigma * getattr(vehicle, self.speed) / p.length
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -72,4 +81,4 @@ class GustTurbulence:
         )
 
 
-VARIANTS: tuple[Traceable, ...] = (GustTurbulence(),)
+VARIANTS: tuple[Traceable, ...] = (GustTurbulence(), GustTurbulence("reference_airspeed"))

@@ -30,7 +30,6 @@ class SpeedVariation:
 
     name: ClassVar[str] = "speed-variation"
     station: ClassVar[Station] = Station.DISTURBANCE
-    needs: ClassVar[tuple[str, ...]] = ("airspeed_change", "lift")
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("rate", 1.5, "m/s2", bounds=(-15.0, 15.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -51,6 +50,10 @@ class SpeedVariation:
         "something that is not recorded keeps the aircraft in trim, nz and the angle of attack drift away together, nz by (V(t)/V)^2 - 1. A "
         "measured airspeed settles the matter; without one it takes maneuvers both early and late in the record."
     )
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return ("airspeed_change", "lift") if self.weight else ("airspeed_change",)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         change = p.rate * (s.time - self.begin)

@@ -8,12 +8,15 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import load_parameters
+from sim.effects.instances import labelled, load_ports
+from sim.effects.loads import LOADS, load_parameters
 from sim.effects.onset import WIDTH, edge_width, risen
 
+_USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 
 
@@ -27,18 +30,19 @@ class UnmeasuredInput:
     Attributes
     ----------
     lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and moment.
-    needs_constants : those of the equations it is written for.
+    needs_constants : those of the equations it is written for. ports : that it loads, and the names of these parameters. label : of the name,
+        where it is one port of several.
     """
 
     lasting: bool = False
     width: float = WIDTH
-    units: tuple[str, str] = ("1", "1")
-    sizes: tuple[float, float] = (0.02, 0.01)
+    units: tuple[str, ...] = ("1", "1")
+    sizes: tuple[float, ...] = (0.02, 0.01)
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
+    ports: tuple[str, ...] = LOADS
+    label: str = ""
 
-    name: ClassVar[str] = "unmeasured-input"
     station: ClassVar[Station] = Station.DISTURBANCE
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -50,24 +54,31 @@ class UnmeasuredInput:
     )
 
     @property
+    def name(self) -> str:
+        return labelled("unmeasured-input", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         duration = () if self.lasting else (Parameter("duration", 1.5, "s", bounds=(0.02, 1000.0)),)
-        loads = load_parameters(self.sizes, self.units)
+        loads = load_parameters(self.sizes, self.units, self.ports)
         return (Parameter("start", 2.0, "s"), *duration, *loads)
 
     @property
     def absent(self) -> Mapping[str, float]:
-        return MappingProxyType({"lift": 0.0, "moment": 0.0})
+        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def traits(self) -> Traits:
-        lift, moment = (30.0 * size for size in self.sizes)
         return Traits(
             sentences=(
                 "something that is not recorded acts for {duration} from {start}: {rest}",
                 "something that is not recorded acts from {start} on: {rest}",
             ),
-            plausible={"lift": (-lift, lift), "moment": (-moment, moment)},
+            plausible={port: (-30.0 * size, 30.0 * size) for port, size in zip(self.ports, self.sizes, strict=True)},
             lasts="duration",
             onset="start",
             per_record=True,
@@ -77,7 +88,7 @@ class UnmeasuredInput:
         share = risen(s.time, p.start, self.width)
         if not self.lasting:
             share = share - risen(s.time, p.start + p.duration, self.width)
-        return {"lift": share * p.lift, "moment": share * p.moment}
+        return {port: share * getattr(p, port) for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -87,12 +98,12 @@ class UnmeasuredInput:
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by lift and moment at the record's begin, for some durations; a later start only shifts them."""
+        """Slopes by all loads at the record's begin, for some durations; a later start only shifts them."""
         start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
-            return (Probe(start, ("lift", "moment"), shifts=True),)
+            return (Probe(start, self.ports, shifts=True),)
         durations = [duration for duration in DURATIONS if 2.0 * context.interval <= duration <= 0.5 * context.duration]
-        return tuple(Probe({**start, "duration": duration}, ("lift", "moment"), shifts=True) for duration in durations)
+        return tuple(Probe({**start, "duration": duration}, self.ports, shifts=True) for duration in durations)
 
 
 VARIANTS: tuple[Traceable, ...] = (
@@ -101,3 +112,15 @@ VARIANTS: tuple[Traceable, ...] = (
     UnmeasuredInput(units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)),
     UnmeasuredInput(lasting=True, units=("1/s", "1/s2"), sizes=(0.01, 0.1), needs_constants=("M_alpha",)),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """A pulse and a step on each port for loads that none of the above is for."""
+    ports = load_ports(equations)
+    found: list[Traceable] = []
+    for port in ports:
+        if port.name in LOADS:
+            continue
+        label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
+        found += [UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label) for lasting in (False, True)]
+    return tuple(found)

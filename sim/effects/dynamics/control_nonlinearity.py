@@ -11,6 +11,8 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import labelled
+from sim.effects.lateral_controls import LATERAL_CONTROLS, LateralControl
 from sim.maths.splines import combine, natural_shapes, shape_names
 
 
@@ -30,6 +32,8 @@ class ControlNonlinearity:
     share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
     by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An input of a few levels leaves f and the
         derivative to trade off; with a fixed factor beside f that stays a straight line, which a Gaussian can describe.
+    ports : that moment and lift add to. further : ports beside them, each with its derivative by the control. label : of the name, where there
+        are several controls.
     """
 
     low: float = -0.1
@@ -42,10 +46,11 @@ class ControlNonlinearity:
     lift_by: str = "CL_de"
     share_free: bool = True
     by: tuple[float, ...] = ()
+    ports: tuple[str, str] = ("moment", "lift")
+    further: tuple[tuple[str, str], ...] = ()
+    label: str = ""
 
-    name: ClassVar[str] = "control-nonlinearity"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-deadband")
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -57,8 +62,16 @@ class ControlNonlinearity:
     )
 
     @property
+    def name(self) -> str:
+        return labelled("control-nonlinearity", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (*self.ports, *(port for port, _ in self.further))
+
+    @property
     def needs_constants(self) -> tuple[str, ...]:
-        return (self.moment_by, self.lift_by)
+        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -87,8 +100,9 @@ class ControlNonlinearity:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         more = combine(natural_shapes(self.low, self.high, self.fine), getattr(s, self.control), p[:-1])
-        moment, lift = self.by or (getattr(vehicle, self.moment_by), getattr(vehicle, self.lift_by))
-        return {"moment": moment * more, "lift": p.lift_share * lift * more}
+        moment, lift, *others = self.by or [getattr(vehicle, name) for name in self.needs_constants]
+        added = {self.ports[0]: moment * more, self.ports[1]: p.lift_share * lift * more}
+        return {**added, **{port: other * more for (port, _), other in zip(self.further, others, strict=True)}}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -99,7 +113,7 @@ class ControlNonlinearity:
         A pseudo-control goes no further than the stick.
         """
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (self.low, self.high)
-        by = tuple(context.values.get(name, 0.0) for name in (self.moment_by, self.lift_by))
+        by = tuple(context.values.get(name, 0.0) for name in self.needs_constants)
         return replace(self, low=low, high=high, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> ControlNonlinearity:
@@ -111,8 +125,15 @@ class ControlNonlinearity:
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 
 
+def _lateral(c: LateralControl) -> ControlNonlinearity:
+    return ControlNonlinearity(
+        control=c.control, moment_by=c.moment_by, lift_by=c.lift_by, share_free=False, ports=c.ports, further=c.further, label=c.control
+    )
+
+
 # The plainer form, a kink at trim, is in control_unevenness.py, under the same name.
 VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),
+    *map(_lateral, LATERAL_CONTROLS),
 )

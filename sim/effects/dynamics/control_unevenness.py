@@ -11,6 +11,8 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import labelled
+from sim.effects.lateral_controls import LATERAL_CONTROLS
 from sim.maths.elementary import sqrt
 
 ROUNDED = 0.001  # of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
@@ -25,6 +27,7 @@ class ControlUnevenness:
 
     Attributes
     ----------
+    ports, further, label : as of the curved form.
     width : of the rounded kink. control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether ``lift_share`` is
         estimated: not where the control hardly lifts.
     """
@@ -34,10 +37,11 @@ class ControlUnevenness:
     moment_by: str = "Cm_de"
     lift_by: str = "CL_de"
     share_free: bool = True
+    ports: tuple[str, str] = ("moment", "lift")
+    further: tuple[tuple[str, str], ...] = ()
+    label: str = ""
 
-    name: ClassVar[str] = "control-nonlinearity"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"unevenness": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
@@ -55,8 +59,16 @@ class ControlUnevenness:
     )
 
     @property
+    def name(self) -> str:
+        return labelled("control-nonlinearity", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return (*self.ports, *(port for port, _ in self.further))
+
+    @property
     def needs_constants(self) -> tuple[str, ...]:
-        return (self.moment_by, self.lift_by)
+        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -66,7 +78,9 @@ class ControlUnevenness:
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         d = getattr(s, self.control)
         more = p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
-        return {"moment": getattr(vehicle, self.moment_by) * more, "lift": p.lift_share * getattr(vehicle, self.lift_by) * more}
+        moment, lift = getattr(vehicle, self.moment_by) * more, p.lift_share * getattr(vehicle, self.lift_by) * more
+        others = {port: getattr(vehicle, derivative) * more for port, derivative in self.further}
+        return {self.ports[0]: moment, self.ports[1]: lift, **others}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -84,4 +98,10 @@ class ControlUnevenness:
 VARIANTS: tuple[Traceable, ...] = (
     ControlUnevenness(),
     ControlUnevenness(width=0.0005, control="delta", moment_by="M_delta", lift_by="L_delta", share_free=False),
+    *(
+        ControlUnevenness(
+            control=c.control, moment_by=c.moment_by, lift_by=c.lift_by, share_free=False, ports=c.ports, further=c.further, label=c.control
+        )
+        for c in LATERAL_CONTROLS
+    ),
 )

@@ -11,6 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import labelled
 from sim.effects.onset import WIDTH, edge_width, risen
 
 
@@ -37,6 +38,15 @@ LOES_MOMENT = (
     Change("M_delta", "1/s2", "delta", -0.05, 100.0),
 )
 LOES_LIFT = (Change("L_alpha", "1/s", "alpha_air", 0.2, 5.0),)
+_LATERAL_SIGNALS = {"beta": "beta_air", "p": "p_hat", "r": "r_hat", "da": "aileron", "dr": "rudder"}
+
+
+def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
+    """All derivatives of one lateral coefficient; by the rates they are several times larger."""
+    rates = {"p": 5.0, "r": 5.0}
+    return tuple(
+        Change(f"{axis}_{by}", "1/rad", signal, size * rates.get(by, 1.0), largest * rates.get(by, 1.0)) for by, signal in _LATERAL_SIGNALS.items()
+    )
 
 
 @dataclass(frozen=True)
@@ -48,16 +58,17 @@ class DerivativeJump:
 
     Attributes
     ----------
-    moment, lift : derivatives that may change. width : of the edge, s.
+    moment, lift : derivatives that may change. width : of the edge, s. ports : that these add to. label : of the name, where an aircraft has
+        several groups of derivatives: yaw, roll, side force.
     """
 
     moment: tuple[Change, ...] = RIGID_MOMENT
     lift: tuple[Change, ...] = RIGID_LIFT
     width: float = WIDTH
+    ports: tuple[str, str] = ("moment", "lift")
+    label: str = ""
 
-    name: ClassVar[str] = "derivative-jump"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("moment", "lift")
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -67,6 +78,14 @@ class DerivativeJump:
         "lift slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
         "derivative shows only while its signal moves."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("derivative-jump", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports if self.lift else self.ports[:1]
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
@@ -93,9 +112,9 @@ class DerivativeJump:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         share = risen(s.time, p.time, self.width)
-        moment = sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in self.moment)
-        lift = sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in self.lift)
-        return {"moment": share * moment, "lift": share * lift}
+        groups = zip(self.ports, (self.moment, self.lift), strict=True)
+        added = {port: sum(getattr(p, change.derivative) * getattr(s, change.signal) for change in changes) for port, changes in groups if changes}
+        return {port: share * load for port, load in added.items()}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -109,4 +128,11 @@ class DerivativeJump:
         return tuple(Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets())
 
 
-VARIANTS: tuple[Traceable, ...] = (DerivativeJump(), DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT))
+VARIANTS: tuple[Traceable, ...] = (
+    DerivativeJump(),
+    DerivativeJump(moment=LOES_MOMENT, lift=LOES_LIFT),
+    *(
+        DerivativeJump(moment=_lateral(axis, size, 10.0 * size), lift=(), ports=(port, port), label=port)
+        for axis, port, size in (("Cn", "yaw", 0.02), ("Cl", "roll", 0.03), ("CY", "side_force", 0.1))
+    ),
+)

@@ -25,6 +25,7 @@ AT_REST: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         **{"Cm_de": ("moment",), "Cm_alpha": ("moment", "angle_gain"), "CL_de": ("lift",), "CL_alpha": ("lift", "angle_gain")},
         **{"M_delta": ("moment",), "M_alpha": ("moment", "angle_gain")},
+        **{"Cn_dr": ("yaw",), "Cn_beta": ("yaw", "angle_gain"), "CY_dr": ("side_force",), "CY_beta": ("side_force", "angle_gain")},
     }
 )
 
@@ -45,6 +46,8 @@ class ElasticMode:
         and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of lift, moment, gyro.
     needs_constants : those of the equations it is written for. fastest : rad/s, that the records resolve.
+    ports : that it loads, and the names of these parameters. read_as : the angle that drives it, the rate that its gyro adds to, the
+        accelerometer's channel.
     """
 
     number: int = 1
@@ -55,9 +58,10 @@ class ElasticMode:
     sizes: tuple[float, float, float] = (0.2, -0.3, 0.02)
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
     fastest: float = 400.0
+    ports: tuple[str, str] = ("lift", "moment")
+    read_as: tuple[str, str, str] = ("alpha_air", "q", "nz")
 
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
@@ -75,6 +79,10 @@ class ElasticMode:
     @property
     def name(self) -> str:
         return "elastic-mode" if self.number == 1 else f"elastic-mode#{self.number}"
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
 
     @property
     def traits(self) -> Traits:
@@ -100,8 +108,8 @@ class ElasticMode:
         base = (
             Parameter("frequency", min(15.0, self.fastest), "rad/s", bounds=(1.0, self.fastest)),
             Parameter("damping", DAMPING, "1", bounds=(0.0005, 0.7)),
-            Parameter("lift", lift, self.loads[0]),
-            Parameter("moment", moment, self.loads[1]),
+            Parameter(self.ports[0], lift, self.loads[0]),
+            Parameter(self.ports[1], moment, self.loads[1]),
             Parameter("angle_gain", 0.0, f"{self.angle}/rad"),
             Parameter("gyro", gyro, f"rad/{self.angle}"),
         )
@@ -109,36 +117,38 @@ class ElasticMode:
             return base
         return (
             *base,
-            Parameter("lift_rate", 0.3 * lift, self.loads[0]),
-            Parameter("moment_rate", 0.3 * moment, self.loads[1]),
+            Parameter(f"{self.ports[0]}_rate", 0.3 * lift, self.loads[0]),
+            Parameter(f"{self.ports[1]}_rate", 0.3 * moment, self.loads[1]),
             Parameter("pitch_gain", 0.0, f"{self.angle} s/rad"),
             Parameter("accelerometer", 0.1 * gyro, f"g s2/{self.angle}"),
         )
 
     @property
     def absent(self) -> Mapping[str, float]:
-        further = ("lift_rate", "moment_rate", "accelerometer") if self.fine else ()
-        return MappingProxyType(dict.fromkeys(("lift", "moment", "gyro", *further), 0.0))
+        further = (*(f"{port}_rate" for port in self.ports), "accelerometer") if self.fine else ()
+        return MappingProxyType(dict.fromkeys((*self.ports, "gyro", *further), 0.0))
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         eta, rate = self._bending(s)
-        lift, moment = p.lift * eta, p.moment * eta
+        added = {port: getattr(p, port) * eta for port in self.ports}
         if self.fine:
             phase = rate / p.frequency
-            lift, moment = lift + p.lift_rate * phase, moment + p.moment_rate * phase
-        return {"lift": lift, "moment": moment}
+            added = {port: load + getattr(p, f"{port}_rate") * phase for port, load in added.items()}
+        return added
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         eta, rate = self._bending(s)
-        force = getattr(s, self.control) + p.angle_gain * s.alpha_air - eta
+        angle, rate_read, _ = self.read_as
+        force = getattr(s, self.control) + p.angle_gain * getattr(s, angle) - eta
         if self.fine:
-            force = force + p.pitch_gain * s.q
+            force = force + p.pitch_gain * getattr(s, rate_read)
         return rate, p.frequency * (p.frequency * force - 2.0 * p.damping * rate)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         rate, acceleration = self.derivatives(s, vehicle, p)
-        changed = {"q": y["q"] + p.gyro * rate}
-        return {**changed, "nz": y["nz"] + p.accelerometer * acceleration} if self.fine else changed
+        _, gyro, accelerometer = self.read_as
+        changed = {gyro: y[gyro] + p.gyro * rate}
+        return {**changed, accelerometer: y[accelerometer] + p.accelerometer * acceleration} if self.fine else changed
 
     def finer(self) -> ElasticMode:
         """The same mode with all its couplings."""
@@ -169,4 +179,7 @@ def _resolved(context: SearchContext) -> float:
 VARIANTS: tuple[Traceable, ...] = (
     ElasticMode(),
     ElasticMode(control="delta", angle="1", loads=("1/s", "1/s2"), sizes=(0.002, -0.04, 0.002), needs_constants=("M_delta",)),
+    ElasticMode(
+        control="rudder", sizes=(0.05, -0.02, 0.01), needs_constants=("Cn_dr",), ports=("side_force", "yaw"), read_as=("beta_air", "r", "ny")
+    ),
 )

@@ -21,10 +21,11 @@ LIFT_NONLINEARITY = LoadCurve(
     explanation=EXPLANATION,
     unit="1",
     size=0.02,
-    needs_constants=("CL_alpha",),
+    needs_constants=("CL_alpha", "airspeed"),
 )
 
 VARIANTS: tuple[Traceable, ...] = (
     LIFT_NONLINEARITY,
     replace(LIFT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s", size=0.02, needs_constants=("L_alpha",)),
+    replace(LIFT_NONLINEARITY, total=True, needs_constants=("CL_alpha", "reference_airspeed")),
 )

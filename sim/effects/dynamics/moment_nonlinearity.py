@@ -14,10 +14,18 @@ EXPLANATION = (
     "the motion, and the residual of the pitch rate depends on alpha, not on time."
 )
 MOMENT_NONLINEARITY = LoadCurve(
-    "moment", "moment-nonlinearity", "the pitching moment", "curved pitching moment", EXPLANATION, unit="1", size=0.01, needs_constants=("Cm_alpha",)
+    "moment",
+    "moment-nonlinearity",
+    "the pitching moment",
+    "curved pitching moment",
+    EXPLANATION,
+    unit="1",
+    size=0.01,
+    needs_constants=("Cm_alpha", "airspeed"),
 )
 
 VARIANTS: tuple[Traceable, ...] = (
     MOMENT_NONLINEARITY,
     replace(MOMENT_NONLINEARITY, low=-0.04, high=0.04, unit="1/s2", size=0.1, needs_constants=("M_alpha",)),
+    replace(MOMENT_NONLINEARITY, total=True, needs_constants=("Cm_alpha", "reference_airspeed")),
 )

@@ -11,7 +11,8 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import load_parameters
+from sim.effects.instances import labelled
+from sim.effects.loads import LOADS, load_parameters
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -24,40 +25,53 @@ class DampingCurve:
     Attributes
     ----------
     rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters. label : of the name, where there are several rates.
     """
 
     rate: str
     units: tuple[str, str]
     sizes: tuple[float, float]
     needs_constants: tuple[str, ...]
+    ports: tuple[str, str] = LOADS
+    label: str = ""
 
-    name: ClassVar[str] = "guard:damping-curve"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"lift": 0.0, "moment": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
-        f"A generic term: damping grows with the size of the pitch rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional. {_NO_CAUSE}"
+        "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional; of roll and yaw "
+        f"alike. {_NO_CAUSE}"
     )
 
     @property
+    def name(self) -> str:
+        return labelled("guard:damping-curve", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return load_parameters(self.sizes, self.units)
+        return load_parameters(self.sizes, self.units, self.ports)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         rate = getattr(s, self.rate)
         curve = rate * absolute(rate)
-        return {"lift": p.lift * curve, "moment": p.moment * curve}
+        return {port: getattr(p, port) * curve for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both where there is none."""
-        return (Probe(self.absent, ("lift", "moment")),)
+        return (Probe(self.absent, self.ports),)
 
 
 @dataclass(frozen=True)
@@ -67,7 +81,8 @@ class DriftingDerivatives:
     Attributes
     ----------
     begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes : of stability, control and slope.
-    needs_constants : those of the equations it is written for.
+    needs_constants : those of the equations it is written for. ports : of lift and moment or their like. angle : the signal of alpha or its
+        like. label : of the name, where there are several groups of derivatives.
     """
 
     control_signal: str
@@ -75,10 +90,11 @@ class DriftingDerivatives:
     sizes: tuple[float, float, float]
     needs_constants: tuple[str, ...]
     begin: float = 0.0
+    ports: tuple[str, str] = LOADS
+    angle: str = "alpha_air"
+    label: str = ""
 
-    name: ClassVar[str] = "guard:drifting-derivatives"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"stability": 0.0, "control": 0.0, "slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ("speed-variation", "derivative-jump")
@@ -93,14 +109,23 @@ class DriftingDerivatives:
     )
 
     @property
+    def name(self) -> str:
+        return labelled("guard:drifting-derivatives", self.label)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         names = ("stability", "control", "slope")
         return tuple(Parameter(name, size, unit) for name, size, unit in zip(names, self.sizes, self.units, strict=True))
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         since = s.time - self.begin
-        moment = p.stability * s.alpha_air + p.control * getattr(s, self.control_signal)
-        return {"moment": since * moment, "lift": since * p.slope * s.alpha_air}
+        angle = getattr(s, self.angle)
+        moment = p.stability * angle + p.control * getattr(s, self.control_signal)
+        return {self.ports[1]: since * moment, self.ports[0]: since * p.slope * angle}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -114,9 +139,14 @@ class DriftingDerivatives:
         return (Probe(self.absent, tuple(self.absent)),)
 
 
+_PER_SECOND = ("1/(rad s)", "1/(rad s)", "1/(rad s)")
 GUARDS: tuple[Traceable, ...] = (
     DampingCurve("q_hat", ("1/rad2", "1/rad2"), (500.0, 500.0), ("Cm_de",)),
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
     DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),
     DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
+    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("yaw", "roll"), "p"),
+    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("roll", "yaw"), "r"),
+    DriftingDerivatives("rudder", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "yaw"), "beta_air", "yaw"),
+    DriftingDerivatives("aileron", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "roll"), "beta_air", "roll"),
 )

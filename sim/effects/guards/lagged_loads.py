@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import load_parameters
+from sim.effects.loads import LOADS, load_parameters
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
 
@@ -26,16 +26,17 @@ class LaggedLoads:
     Attributes
     ----------
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters. angle : the signal that is followed late.
     """
 
     units: tuple[str, str]
     sizes: tuple[float, float]
     needs_constants: tuple[str, ...]
+    ports: tuple[str, str] = LOADS
+    angle: str = "alpha_air"
 
     name: ClassVar[str] = "guard:lagged-loads"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"lift": 0.0, "moment": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "input-delay")
     states: ClassVar[tuple[Signal, ...]] = (Signal("late_angle", "rad", "angle of attack, late"),)
@@ -46,23 +47,32 @@ class LaggedLoads:
     )
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
-        loads = load_parameters(self.sizes, self.units)
+        loads = load_parameters(self.sizes, self.units, self.ports)
         return (Parameter("lag", 0.3, "s", bounds=(0.01, 20.0)), *loads)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        ahead = s.alpha_air - s.late_angle
-        return {"lift": p.lift * ahead, "moment": p.moment * ahead}
+        ahead = getattr(s, self.angle) - s.late_angle
+        return {port: getattr(p, port) * ahead for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ((s.alpha_air - s.late_angle) / p.lag,)
+        return ((getattr(s, self.angle) - s.late_angle) / p.lag,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both loads at some lags."""
-        return tuple(Probe({"lag": lag, **self.absent}, ("lift", "moment")) for lag in LAGS if lag > context.interval)
+        return tuple(Probe({"lag": lag, **self.absent}, self.ports) for lag in LAGS if lag > context.interval)
 
 
 GUARDS: tuple[Traceable, ...] = (
     LaggedLoads(("1/rad", "1/rad"), (0.5, 0.3), ("Cm_de",)),
     LaggedLoads(("1/s", "1/s2"), (0.3, 2.0), ("M_delta",)),
+    LaggedLoads(("1/rad", "1/rad"), (0.1, 0.03), ("Cn_dr",), ("side_force", "yaw"), "beta_air"),
 )

@@ -12,6 +12,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.loads import LOADS
 from sim.maths.elementary import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
@@ -27,16 +28,16 @@ class PeriodicLoads:
     Attributes
     ----------
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads; they name the parameters.
     """
 
     units: tuple[str, str]
     sizes: tuple[float, float]
     needs_constants: tuple[str, ...]
+    ports: tuple[str, str] = LOADS
 
     name: ClassVar[str] = "guard:periodic-loads"
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType(dict.fromkeys(("lift_cos", "lift_sin", "moment_cos", "moment_sin"), 0.0))
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
     states: ClassVar[tuple[Signal, ...]] = ()
@@ -51,20 +52,23 @@ class PeriodicLoads:
     )
 
     @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType({f"{port}_{part}": 0.0 for port in self.ports for part in ("cos", "sin")})
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
-        lift, moment = self.sizes
-        return (
-            Parameter("frequency", 6.0, "rad/s", bounds=(0.2, 400.0)),
-            Parameter("lift_cos", lift, self.units[0]),
-            Parameter("lift_sin", lift, self.units[0]),
-            Parameter("moment_cos", moment, self.units[1]),
-            Parameter("moment_sin", moment, self.units[1]),
-        )
+        sized = zip(self.ports, self.sizes, self.units, strict=True)
+        loads = (Parameter(f"{port}_{part}", size, unit) for port, size, unit in sized for part in ("cos", "sin"))
+        return (Parameter("frequency", 6.0, "rad/s", bounds=(0.2, 400.0)), *loads)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         even = once_for_alike(lambda frequency: cos(frequency * s.time), p.frequency)
         odd = once_for_alike(lambda frequency: cos(frequency * s.time - 0.5 * math.pi), p.frequency)
-        return {"lift": p.lift_cos * even + p.lift_sin * odd, "moment": p.moment_cos * even + p.moment_sin * odd}
+        return {port: getattr(p, f"{port}_cos") * even + getattr(p, f"{port}_sin") * odd for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
@@ -81,4 +85,5 @@ class PeriodicLoads:
 GUARDS: tuple[Traceable, ...] = (
     PeriodicLoads(("1", "1"), (0.01, 0.01), ("Cm_de",)),
     PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
+    PeriodicLoads(("1", "1"), (0.002, 0.002), ("Cn_dr",), ("roll", "yaw")),
 )

@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import load_parameters
+from sim.effects.loads import LOADS, load_parameters
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class ProductLoads:
     ----------
     label : after ``guard:``. first, second : the signals, which may be the same. aliases, within : effects that contain it.
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    ports : that it loads, lift and moment or their like, and the names of these parameters.
     """
 
     label: str
@@ -31,12 +32,19 @@ class ProductLoads:
     sizes: tuple[float, float]
     needs_constants: tuple[str, ...]
     aliases: tuple[str, ...] = ()
+    ports: tuple[str, str] = LOADS
 
     station: ClassVar[Station] = Station.DYNAMICS
-    needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"lift": 0.0, "moment": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def name(self) -> str:
@@ -52,25 +60,24 @@ class ProductLoads:
     @property
     def explanation(self) -> str:
         return (
-            f"A generic term: lift and moment grow with the product {self.first} * {self.second}, CL += lift {self.first} {self.second} and "
-            f"Cm += moment {self.first} {self.second}. No cause of the library stands behind it. Where it explains a record better than every "
-            "effect does, the cause is none of them."
+            f"A generic term: {' and '.join(self.ports)} grow with the product {self.first} * {self.second}. No cause of the library stands "
+            "behind it. Where it explains a record better than every effect does, the cause is none of them."
         )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return load_parameters(self.sizes, self.units)
+        return load_parameters(self.sizes, self.units, self.ports)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         product = getattr(s, self.first) * getattr(s, self.second)
-        return {"lift": p.lift * product, "moment": p.moment * product}
+        return {port: getattr(p, port) * product for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by both where there is none."""
-        return (Probe(self.absent, ("lift", "moment")),)
+        return (Probe(self.absent, self.ports),)
 
 
 _CONTROL = ("control-nonlinearity",)
@@ -81,4 +88,15 @@ GUARDS: tuple[Traceable, ...] = (
     ProductLoads("alpha-control", "alpha_air", "delta", ("1/s", "1/s2"), (1.0, 10.0), ("M_delta",)),
     ProductLoads("control-squared", "delta", "delta", ("1/s", "1/s2"), (0.02, 0.1), ("M_delta",), _CONTROL),
     ProductLoads("alpha-q", "alpha_air", "q", ("1/rad", "1/(rad s)"), (5.0, 20.0), ("M_delta",)),
+    *(
+        ProductLoads(name, first, second, ("1/rad2", "1/rad2"), (1.0, 1.0), ("Cn_dr",), within, ports)
+        for name, first, second, within, ports in (
+            ("beta-rudder", "beta_air", "rudder", (), ("side_force", "yaw")),
+            ("beta-aileron", "beta_air", "aileron", (), ("yaw", "roll")),
+            ("beta-p", "beta_air", "p_hat", (), ("yaw", "roll")),
+            ("beta-r", "beta_air", "r_hat", (), ("roll", "yaw")),
+            ("rudder-squared", "rudder", "rudder", ("control-nonlinearity:rudder",), ("side_force", "yaw")),
+            ("aileron-squared", "aileron", "aileron", ("control-nonlinearity:aileron",), ("yaw", "roll")),
+        )
+    ),
 )

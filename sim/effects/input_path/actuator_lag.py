@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, labelled
 from sim.maths.elementary import each_column, linear_recurrence, real, where
 
 
@@ -25,29 +27,39 @@ class ActuatorLag:
 
     signal: str = "elevator"
     unit: str = "rad"
+    label: str = ""
 
-    name: ClassVar[str] = "actuator-lag"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-rate-limit")
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the actuator follows the {control} with a lag of {time_constant}",),
-        short_name="actuator lag",
-        separating={
-            "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
-        },
-        plausible={"time_constant": (0.0, 0.5)},
-        twins=("actuator-second-order",),
-    )
     explanation: ClassVar[str] = (
         "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A step arrives as an exponential, through two thirds "
         "after one time constant, a slow input merely late by that time, a fast one late and too small. A servo valve or a command filter does "
         "this. A slow record cannot tell it from a pure delay of the same length; steps sampled fast can, since a delay lets them pass as steps. "
         "Large and small steps take the same time, unlike with a rate limit."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-lag", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-delay", "actuator-rate-limit"), self.label)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the actuator follows the {control} with a lag of {time_constant}",),
+            short_name="actuator lag",
+            separating={
+                "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
+            },
+            plausible={"time_constant": (0.0, 0.5)},
+            twins=all_labelled(("actuator-second-order",), self.label),
+        )
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
@@ -80,3 +92,8 @@ def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
 
 
 VARIANTS: tuple[Traceable, ...] = (ActuatorLag(),)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(ActuatorLag(signal.name, signal.unit, label) for signal, label in further_inputs(equations))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
 from sim.maths.elementary import absolute, each_column, maximum
 
 UNLIMITED = 1e9
@@ -29,25 +31,33 @@ class ActuatorRateLimit:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     typical: float = 0.3
+    label: str = ""
+    sized: bool = True
 
-    name: ClassVar[str] = "actuator-rate-limit"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 50
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
-    aliases: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
     explanation: ClassVar[str] = (
         "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A commanded step becomes a ramp whose length grows "
         "with the step, so that large inputs arrive later than small ones; a lag or a delay treats all sizes alike, and steps of one size cannot "
         "tell the three apart. Under large fast inputs the surface never reaches the command, and amplitude is lost as well as time. A record in "
         "which the command never moves faster than the limit shows nothing of it."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-rate-limit", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-delay", "actuator-lag"), self.label)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -67,6 +77,11 @@ class ActuatorRateLimit:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         fastest = context.input_rate.get(self.signal, 0.0)
         return [Probe({"rate": rate}) for rate in shares_of_peak(context, self.signal, PER_SECOND) if 0.0 < rate < fastest]
+
+    def fitted_to(self, context: SearchContext) -> ActuatorRateLimit:
+        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells; loops over changes of the input only.
@@ -115,3 +130,11 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
 
 
 VARIANTS: tuple[Traceable, ...] = (ActuatorRateLimit(), ActuatorRateLimit("stick", "1", 3.0))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        ActuatorRateLimit(signal.name, signal.unit, 3.0 * large_input(signal.unit), label, has_size(signal.unit))
+        for signal, label in further_inputs(equations)
+    )

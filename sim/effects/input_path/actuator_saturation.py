@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, shares_of_peak
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
 from sim.effects.separating import MANY_SIZES
 from sim.maths.elementary import clip, each_column
 
@@ -25,19 +27,19 @@ class ActuatorSaturation:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     typical: float = 0.05
+    label: str = ""
+    sized: bool = True
 
-    name: ClassVar[str] = "actuator-saturation"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 60
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
-    aliases: ClassVar[tuple[str, ...]] = ("input-deadband", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, limit)). Below the limit nothing is different, "
@@ -45,6 +47,14 @@ class ActuatorSaturation:
         "size it only looks like a smaller control effectiveness: it takes inputs of several sizes, on both sides of the limit. The limit counts "
         "from the trim position, since the recorded input does."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-saturation", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-deadband", "control-nonlinearity"), self.label)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -64,6 +74,11 @@ class ActuatorSaturation:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"limit": size}) for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))]
 
+    def fitted_to(self, context: SearchContext) -> ActuatorSaturation:
+        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.5 * peak)
+
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""
         return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
@@ -76,3 +91,11 @@ class ActuatorSaturation:
 
 
 VARIANTS: tuple[Traceable, ...] = (ActuatorSaturation(), ActuatorSaturation("stick", "1", 0.5))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        ActuatorSaturation(signal.name, signal.unit, 0.5 * large_input(signal.unit), label, has_size(signal.unit))
+        for signal, label in further_inputs(equations)
+    )

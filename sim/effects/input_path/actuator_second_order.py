@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, labelled
 from sim.maths.elementary import each_column, exp, real, sqrt, where
 
 UNLIMITED = 1e9
@@ -33,8 +35,8 @@ class ActuatorSecondOrder:
 
     signal: str = "elevator"
     unit: str = "rad"
+    label: str = ""
 
-    name: ClassVar[str] = "actuator-second-order"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -43,24 +45,34 @@ class ActuatorSecondOrder:
     )
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "input-delay")
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the actuator follows the {control} as an oscillator of {frequency} ({frequency_hertz}), damping {damping}",),
-        short_name="actuator of second order",
-        separating=dict.fromkeys(
-            ("actuator-lag", "input-delay"),
-            "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator of second order overshoots",
-        ),
-        twins=("actuator-lag", "input-delay"),
-        rarer_than=("actuator-lag", "input-delay"),
-        plausible={"frequency": (3.0, 200.0), "damping": (0.1, MOST_DAMPED)},
-    )
     explanation: ClassVar[str] = (
         "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping frequency d_dot for a command u. A step arrives "
         "rounded at its beginning and, with little damping, goes too far and swings into its place. Slow inputs come late by 2 damping/frequency, "
         "as behind a lag or a delay of that length; inputs near the actuator's frequency come too large with little damping, too small with much. "
         "Steps sampled fast show which it is, a slow record does not."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-second-order", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-lag", "input-delay"), self.label)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the actuator follows the {control} as an oscillator of {frequency} ({frequency_hertz}), damping {damping}",),
+            short_name="actuator of second order",
+            separating=dict.fromkeys(
+                ("actuator-lag", "input-delay"),
+                "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only an actuator of second order overshoots",
+            ),
+            twins=all_labelled(("actuator-lag", "input-delay"), self.label),
+            rarer_than=all_labelled(("actuator-lag", "input-delay"), self.label),
+            plausible={"frequency": (3.0, 200.0), "damping": (0.1, MOST_DAMPED)},
+        )
 
     @property
     def online_states(self) -> tuple[Signal, ...]:
@@ -129,3 +141,8 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
 
 
 VARIANTS: tuple[Traceable, ...] = (ActuatorSecondOrder(),)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(ActuatorSecondOrder(signal.name, signal.unit, label) for signal, label in further_inputs(equations))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.half_width import ABSENT, believed, half_width, tried
+from sim.effects.instances import further_inputs, has_size, labelled, large_input
 from sim.maths.elementary import each_column, maximum, minimum
 
 
@@ -25,25 +27,33 @@ class InputBacklash:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     typical: float = 0.005
+    label: str = ""
+    sized: bool = True
 
-    name: ClassVar[str] = "input-backlash"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
         "Play in a linkage: the far end y stays put until the near end has gone through the play, then follows, y = u - half_width on the way up "
         "and y = u + half_width on the way down. Each reversal of the input loses 2 half_width before anything moves, whatever the position, so "
         "that the response is too small and late after a reversal and the vehicle may rest off its trim after the maneuver. A dead band loses its "
         "width about zero only, with no memory: reversals away from zero tell the two apart."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-backlash", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -61,6 +71,11 @@ class InputBacklash:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return tried(context, self.signal)
+
+    def fitted_to(self, context: SearchContext) -> InputBacklash:
+        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.05 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells; the loop runs over the turns of the input only."""
@@ -87,3 +102,11 @@ def _played(u: np.ndarray, half_width: Any) -> np.ndarray:
 
 
 VARIANTS: tuple[Traceable, ...] = (InputBacklash(), InputBacklash("stick", "1", 0.05))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        InputBacklash(signal.name, signal.unit, 0.05 * large_input(signal.unit), label, has_size(signal.unit))
+        for signal, label in further_inputs(equations)
+    )

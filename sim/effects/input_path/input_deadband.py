@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.half_width import ABSENT, believed, half_width, tried
+from sim.effects.instances import all_labelled, further_inputs, has_size, labelled, large_input
 from sim.effects.separating import MANY_SIZES
 from sim.maths.elementary import clip, each_column
 
@@ -23,19 +25,19 @@ class InputDeadband:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value.
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
     unit: str = "rad"
     typical: float = 0.01
+    label: str = ""
+    sized: bool = True
 
-    name: ClassVar[str] = "input-deadband"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "control-nonlinearity")
     online_states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "Near zero the input does nothing: u_vehicle = sign(u) max(|u| - half_width, 0). A break-out force at the stick, slack in a linkage that "
@@ -43,6 +45,14 @@ class InputDeadband:
         "little, so that small inputs seem weaker than large ones, and an input that crosses zero arrives late. Inputs of a single size only see a "
         "smaller control effectiveness; two sizes or more are needed, of which one is not much above the band."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-deadband", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "control-nonlinearity"), self.label)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -61,6 +71,11 @@ class InputDeadband:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return tried(context, self.signal)
 
+    def fitted_to(self, context: SearchContext) -> InputDeadband:
+        """The same; where nothing is known of the input's unit, of a size that its record asks for."""
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.1 * peak)
+
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""
         return each_column(lambda row, width: row - clip(row, -width, width), u, p.half_width)
@@ -73,3 +88,11 @@ class InputDeadband:
 
 
 VARIANTS: tuple[Traceable, ...] = (InputDeadband(), InputDeadband("stick", "1", 0.1))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(
+        InputDeadband(signal.name, signal.unit, 0.1 * large_input(signal.unit), label, has_size(signal.unit))
+        for signal, label in further_inputs(equations)
+    )

@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, labelled
 from sim.effects.time_shift import moved_back
 from sim.maths.elementary import each_column
 
@@ -29,26 +31,36 @@ class InputDelay:
 
     signal: str = "elevator"
     own_name: bool = False
+    label: str = ""
 
-    name: ClassVar[str] = "input-delay"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-lag", "actuator-rate-limit")
-    traits: ClassVar[Traits] = Traits(
-        sentences=("what the {control} does reaches the aircraft {delay} late",),
-        short_name="delay",
-        plausible={"delay": (0.0, 0.4)},
-        twins=("input-recorded-late", "actuator-second-order"),
-    )
     explanation: ClassVar[str] = (
         "The control surface follows the recorded command after a dead time: u_vehicle(t) = u_record(t - delay), delay >= 0. Computing frames, "
         "data buses and time skew between recorders do this. Every response is late by the same time, whatever its shape, so the effect shows most "
         "where the input moves fast. A slow record cannot tell it from an actuator lag with a time constant equal to the delay."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-delay", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-lag", "actuator-rate-limit"), self.label)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("what the {control} does reaches the aircraft {delay} late",),
+            short_name="delay",
+            plausible={"delay": (0.0, 0.4)},
+            twins=all_labelled(("input-recorded-late", "actuator-second-order"), self.label),
+        )
 
     def rename(self, local: str) -> str:
         """Full name of a parameter."""
@@ -64,3 +76,8 @@ class InputDelay:
 
 
 VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"),)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(InputDelay(signal.name, label=label) for signal, label in further_inputs(equations))

@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.instances import all_labelled, further_inputs, labelled
 from sim.effects.time_shift import moved_ahead
 from sim.maths.elementary import each_column
 
@@ -28,8 +30,8 @@ class InputRecordedLate:
     """
 
     signal: str = "elevator"
+    label: str = ""
 
-    name: ClassVar[str] = "input-recorded-late"
     station: ClassVar[Station] = Station.INPUT_PATH
     rank: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
@@ -37,14 +39,6 @@ class InputRecordedLate:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ()
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the {control} is recorded {delay} late",),
-        short_name="input recorded late",
-        twins=("input-delay",),
-        plausible={"delay": (0.0, 0.4)},
-        within_interval="delay",
-    )
     explanation: ClassVar[str] = (
         "The channel of the input is slower than the others: u_record(t) = u_vehicle(t - delay), so that the vehicle gets u_record(t + delay), "
         "delay >= 0. A filter before the recorder, a bus or a clock of its own do this. The aircraft seems to answer before it is asked, which no "
@@ -52,6 +46,24 @@ class InputRecordedLate:
         "is left to see. A record whose input moves between its samples but is read as held looks late by half the interval. What came after the "
         "record's end is unknown: its last value is held, so let the input rest there."
     )
+
+    @property
+    def name(self) -> str:
+        return labelled("input-recorded-late", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {control} is recorded {delay} late",),
+            short_name="input recorded late",
+            twins=all_labelled(("input-delay",), self.label),
+            plausible={"delay": (0.0, 0.4)},
+            within_interval="delay",
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"delay": time}) for time in late_times(context)]
@@ -63,3 +75,8 @@ class InputRecordedLate:
 
 
 VARIANTS: tuple[Traceable, ...] = (InputRecordedLate(),)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each input that has none yet."""
+    return tuple(InputRecordedLate(signal.name, label) for signal, label in further_inputs(equations))

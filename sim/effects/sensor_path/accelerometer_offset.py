@@ -17,6 +17,9 @@ MEASURE_IT = (
     "no maneuver does while lift and moment are linear: measure where the instruments sit, or ask which lift of the control surface can be "
     "(CL_de, L_delta; it differs most)"
 )
+_VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
+_TURNING = {"q": "pitch", "r": "yaw"}
+_PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 
 
 @dataclass(frozen=True)
@@ -24,25 +27,21 @@ class AccelerometerOffset:
     """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0) q_dot.
 
     ``arm`` in m, either sign, positive ahead. q_dot is that of the equations of motion at the same time, with what elastic modes, gusts and
-    other effects add to it; with a held input it jumps as the input does.
+    other effects add to it; with a held input it jumps as the input does. A lateral one reads ny + (arm/g0) r_dot, an axial one
+    nx + (arm/g0) q_dot where it sits ``arm`` below the centre of gravity.
+
+    Attributes
+    ----------
+    channel, rate : what it reads, and the rate whose derivative it feels.
     """
 
-    name: ClassVar[str] = "accelerometer-offset:nz"
-    channel: ClassVar[str] = "nz"
-    rates_read: ClassVar[tuple[str, ...]] = ("q",)
+    channel: str = "nz"
+    rate: str = "q"
+
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("vane-offset",)
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the accelerometer sits {arm_side} the centre of gravity and feels the pitch acceleration",),
-        short_name="accelerometer away from the centre of gravity",
-        separating={"vane-offset": MEASURE_IT},
-        twins=("vane-offset",),
-        equivalents=("vane-offset", "guard:vane-behind"),
-        plausible={"arm": (-40.0, 40.0)},
-    )
     explanation: ClassVar[str] = (
         "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: nz_m = nz + (arm/g0) q_dot, arm in m, positive "
         "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading jumps when the elevator does, down first for "
@@ -52,11 +51,34 @@ class AccelerometerOffset:
         "The library has no vane behind the centre of gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
     )
 
+    @property
+    def name(self) -> str:
+        return f"accelerometer-offset:{self.channel}"
+
+    @property
+    def rates_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("vane-offset",) if self.channel in _VANES else ()
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(f"the accelerometer sits {_PLACES[self.channel]} the centre of gravity and feels the {_TURNING[self.rate]} acceleration",),
+            short_name="accelerometer away from the centre of gravity",
+            separating={"vane-offset": MEASURE_IT},
+            twins=self.aliases,
+            equivalents=(*self.aliases, "guard:vane-behind") if self.aliases else (),
+            plausible={"arm": (-40.0, 40.0) if self.aliases else (-5.0, 5.0)},
+        )
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"nz": y["nz"] + p.arm / G0 * s.q_dot}
+        return {self.channel: y[self.channel] + p.arm / G0 * getattr(s, f"{self.rate}_dot")}
 
 
-VARIANTS: tuple[Traceable, ...] = (AccelerometerOffset(),)
+VARIANTS: tuple[Traceable, ...] = (AccelerometerOffset(), AccelerometerOffset("ny", "r"), AccelerometerOffset("nx"))

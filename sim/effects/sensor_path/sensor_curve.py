@@ -8,10 +8,16 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_outputs, large_output, per
 
+_ALIASES = {
+    **{"alpha": ("lift-nonlinearity",), "nz": ("lift-nonlinearity",), "q": ("moment-nonlinearity",)},
+    **{"p": ("roll-nonlinearity",), "r": ("yaw-nonlinearity",), "ny": ("side-force-nonlinearity",), "nx": ("drag-nonlinearity",)},
+}
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}  # rad, rad/s, g about trim: what a record without a known range is taken to fly
 WITH_OTHERS = "a record with the other two of alpha, q and nz: a bent load moves all three by the kinematics, a bent reading one"
 
@@ -52,11 +58,11 @@ class SensorCurve:
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        return ("lift-nonlinearity",) if self.channel in ("alpha", "nz") else ("moment-nonlinearity",)
+        return _ALIASES.get(self.channel, ())
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("curvature", self.typical, f"1/({self.unit})" if "/" in self.unit else f"1/{self.unit}"),)
+        return (Parameter("curvature", self.typical, per(self.unit)),)
 
     @property
     def traits(self) -> Traits:
@@ -74,7 +80,7 @@ class SensorCurve:
         flown = context.flown_range(self.channel)
         if flown is None:
             return self
-        bias = context.values.get(f"bias_{self.channel}", 0.0) if self.channel == "nz" else 0.0  # alpha and q are states, without bias
+        bias = 0.0 if self.channel in ("alpha", "q") else context.values.get(f"bias_{self.channel}", 0.0)  # these are states, without bias
         return replace(self, low=min(flown[0] - bias, 0.0), high=max(flown[1] - bias, 0.0))
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -87,3 +93,11 @@ VARIANTS: tuple[Traceable, ...] = (
     SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"]),
     SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(
+        SensorCurve(each.name, each.unit, 0.2 / large_output(each.unit), -large_output(each.unit), large_output(each.unit))
+        for each in further_outputs(equations)
+    )

@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
 from sim.effects.earlier import each_run_earlier
+from sim.effects.instances import further_outputs
 from sim.effects.separating import FASTER_MOTION
 
 _LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType({"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)})
@@ -73,3 +75,8 @@ def _late(edges: np.ndarray, delay: Any) -> Any:
 
 
 VARIANTS: tuple[Traceable, ...] = tuple(SensorDelay(channel) for channel in ("alpha", "q", "nz", "altitude"))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorDelay(signal.name) for signal in further_outputs(equations))

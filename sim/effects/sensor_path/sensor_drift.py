@@ -8,9 +8,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_outputs, large_output
 from sim.effects.separating import STEADY_FLIGHT
 
 
@@ -84,3 +86,8 @@ VARIANTS: tuple[Traceable, ...] = (
     SensorDrift("nz", "g", 5e-3),
     SensorDrift("altitude", "m", 5.0),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorDrift(each.name, each.unit, 0.0025 * large_output(each.unit)) for each in further_outputs(equations))

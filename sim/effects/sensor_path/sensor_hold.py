@@ -11,10 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.earlier import each_run_earlier
+from sim.effects.instances import further_outputs
 from sim.maths.elementary import trailing
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
@@ -110,3 +112,8 @@ class SensorHold:
 
 
 VARIANTS: tuple[Traceable, ...] = tuple(SensorHold(channel) for channel in ("alpha", "q", "nz", "altitude"))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorHold(signal.name) for signal in further_outputs(equations))

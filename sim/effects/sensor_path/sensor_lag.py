@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_outputs
 from sim.effects.separating import FASTER_MOTION
 from sim.maths.elementary import linear_recurrence, real, trailing, where
 
@@ -93,3 +95,8 @@ class SensorLag:
 
 
 VARIANTS: tuple[Traceable, ...] = tuple(SensorLag(channel) for channel in ("alpha", "q", "nz", "altitude"))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorLag(signal.name) for signal in further_outputs(equations))

@@ -8,9 +8,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_outputs
 
 _ALIASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -73,3 +75,8 @@ class SensorScale:
 
 
 VARIANTS: tuple[Traceable, ...] = tuple(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude"))
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorScale(signal.name) for signal in further_outputs(equations))

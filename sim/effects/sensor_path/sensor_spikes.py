@@ -10,9 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_inputs, further_outputs, large_input, large_output
 from sim.maths.elementary import maximum, minimum, real, trailing
 
 EXPLANATION = (
@@ -177,3 +179,11 @@ VARIANTS: tuple[Traceable, ...] = (
     InputSpikes(),
     InputSpikes("stick", "1", 1.0),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return (
+        *(SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit)) for each in further_outputs(equations)),
+        *(InputSpikes(signal.name, signal.unit, large_input(signal.unit)) for signal, _ in further_inputs(equations)),
+    )

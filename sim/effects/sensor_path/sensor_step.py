@@ -8,9 +8,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Station
+from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import further_outputs, large_output
 from sim.effects.onset import risen
 from sim.effects.separating import STEADY_FLIGHT
 
@@ -83,3 +85,8 @@ VARIANTS: tuple[Traceable, ...] = (
     SensorStep("nz", "g", 0.1),
     SensorStep("altitude", "m", 50.0),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorStep(each.name, each.unit, 0.05 * large_output(each.unit)) for each in further_outputs(equations))

@@ -12,6 +12,7 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 
+TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay stays"
 
 
@@ -19,24 +20,25 @@ ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes
 class VaneOffset:
     """The vane sits ``arm`` metres ahead of the centre of gravity: alpha_m = alpha - (arm/V) q.
 
-    ``arm`` in m, not negative; it adds to an arm that the vehicle's equations already have. V is the airspeed at the time.
+    ``arm`` in m, not negative; it adds to an arm that the vehicle's equations already have. V is the airspeed at the time. A vane of sideslip
+    reads beta + (arm/V) r.
+
+    Attributes
+    ----------
+    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's share. speed : the constant that is the
+        declared airspeed, for equations without an airspeed of the time.
     """
 
+    channel: str = "alpha"
+    rate: str = "q"
+    sign: float = -1.0
+    speed: str = "airspeed"
+
     name: ClassVar[str] = "vane-offset"
-    channel: ClassVar[str] = "alpha"
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("sensor-lag:alpha", "sensor-delay:alpha", "accelerometer-offset:nz")
-    traits: ClassVar[Traits] = Traits(
-        sentences=("the vane sits {arm} ahead of the centre of gravity and feels the pitch rate",),
-        short_name="vane ahead",
-        separating=dict.fromkeys(("sensor-lag", "sensor-delay"), ANOTHER_SPEED),
-        twins=("accelerometer-offset:nz",),
-        equivalents=("accelerometer-offset:nz",),
-        plausible={"arm": (0.0, 40.0)},
-    )
     explanation: ClassVar[str] = (
         "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
         "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
@@ -46,11 +48,35 @@ class VaneOffset:
         "allowed."
     )
 
+    @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}", self._accelerometer)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(f"the vane sits {{arm}} ahead of the centre of gravity and feels the {TURNING[self.rate]} rate",),
+            short_name="vane ahead",
+            separating=dict.fromkeys(("sensor-lag", "sensor-delay"), ANOTHER_SPEED),
+            twins=(self._accelerometer,),
+            equivalents=(self._accelerometer,),
+            plausible={"arm": (0.0, 40.0)},
+        )
+
+    @property
+    def _accelerometer(self) -> str:
+        return f"accelerometer-offset:{'nz' if self.channel == 'alpha' else 'ny'}"
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"alpha": y["alpha"] - p.arm / s.V * s.q}
+        V = s.V if hasattr(s, "V") else getattr(vehicle, self.speed)
+        return {self.channel: y[self.channel] + self.sign * p.arm / V * getattr(s, self.rate)}
 
 
-VARIANTS: tuple[Traceable, ...] = (VaneOffset(),)
+VARIANTS: tuple[Traceable, ...] = (VaneOffset(), VaneOffset("beta", "r", 1.0), VaneOffset(speed="reference_airspeed"))
