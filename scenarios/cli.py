@@ -210,6 +210,16 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="O
 
 
 @app.command()
+def models(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="One model, or a file with one of your own, which is run.")] = None,
+) -> None:
+    """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
+    from scenarios.commands.models import show_models
+
+    show_models(name)
+
+
+@app.command()
 def vehicles(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One vehicle, number by number.")] = None,
     other: Annotated[str | None, typer.Option("--diff", metavar="OTHER", help="What differs from another vehicle.")] = None,

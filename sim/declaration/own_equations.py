@@ -23,7 +23,7 @@ class OwnEquations:
     ``rates(s, p)``, ``readings(s, p)`` and ``formed(s, p)`` (None where the model forms no further signals, ``formed_names`` else) return
     mappings by name. ``rate_ports`` holds for each state the port that is added to its rate; it is empty where the model declares ports of its
     own, which its functions then take as ``s.PORT``. ``biased_outputs`` names the outputs whose sensors have a free constant bias.
-    ``explanation``: what the file says of the equations.
+    ``resting``: inputs about which they are tried. ``explanation``: what the file says of the equations.
 
     A number beyond the range of floats, or a division by zero, makes the answer NaN, which an estimator steps back from; every other error
     in a function is a ModelError that names file and line.
@@ -41,7 +41,13 @@ class OwnEquations:
     formed_names: tuple[str, ...] = ()
     rate_ports: tuple[str, ...] = ()
     biased_outputs: tuple[str, ...] = ()
+    resting: tuple[tuple[str, float], ...] = ()
     explanation: str = ""
+
+    @property
+    def resting_inputs(self) -> dict[str, float]:
+        """Inputs about which the functions are tried, by name; zero where it says nothing."""
+        return dict(self.resting)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         if self.formed is None:

@@ -82,6 +82,7 @@ def own_model(
         readings,
         flow,
         rate_ports=tuple(port.name for port in entering) if ports is None else (),
+        resting=tuple((signal.name, start[signal.name]) for signal in driving if signal.name in start),
         biased_outputs=_biased(name, biases, [signal.name for signal in read]),
     )
     return _model(equations, numbers, start, all_biases=biases is None)
