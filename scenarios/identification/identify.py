@@ -206,6 +206,8 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
     for item in model.initial:
         if totals and item.name in outputs:
             value, prior = begins[item.name], BIASED * spread[item.name]
+        elif is_own(model):
+            value, prior = item.value, max(abs(item.value), 1.0)
         else:
             value, prior = _first_state(item.name, record, outputs, std, spread)
         states.append(replace(item, value=value, prior_std=prior))
