@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 TITLES = {
     "ballistic": "a falling body: altitude from drag in an atmosphere that thins out",
-    "rigid": "the short period of a rigid aircraft: alpha and q from the elevator",
+    "rigid": "the short period of a rigid aircraft: alpha and q from elevator",
     "flexible": "the short period with elastic modes",
-    "loes": "a low-order equivalent system: alpha and q from the stick, with a delay",
+    "loes": "low-order equivalent system: alpha, q from the stick, a delay",
     "lateral": "sideslip, roll and yaw from aileron and rudder",
     "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
 }

@@ -79,17 +79,22 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
         return motion, [Excited(name, model.parameters[name].value, np.inf) for name in names]
     jacobian = np.concatenate(rows)
     lengths = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian / np.where(lengths > 0.0, lengths, 1.0)
+    seen = np.flatnonzero(lengths > 0.0)
+    scaled = jacobian[:, seen] / lengths[seen]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     dark = values < UNTOLD * values[-1]
-    covariance = (vectors[:, ~dark] / values[~dark]) @ vectors[:, ~dark].T
+    variance = np.sum(vectors[:, ~dark] ** 2 / values[~dark], axis=1)
     untold = vectors[:, dark] ** 2 > SHARE
     out = []
     for i, name in enumerate(names):
-        hidden = {motion.names[j] for direction in untold.T if direction[i] for j in np.flatnonzero(direction) if j != i}
-        known = lengths[i] > 0.0 and not np.any(untold[i])
-        sigma = float(np.sqrt(covariance[i, i])) / lengths[i] if known else np.inf
-        out.append(Excited(name, model.parameters[name].value, sigma, tuple(each for each in motion.names if each in hidden)))
+        value, place = model.parameters[name].value, np.flatnonzero(seen == i)
+        if place.size == 0:
+            out.append(Excited(name, value, np.inf))
+            continue
+        mine = untold[place[0]]
+        beside = [motion.names[seen[j]] for j in np.flatnonzero(np.any(untold[:, mine], axis=1)) if seen[j] != i]
+        sigma = np.inf if np.any(mine) else float(np.sqrt(variance[place[0]])) / float(lengths[i])
+        out.append(Excited(name, value, sigma, tuple(beside)))
     return motion, out
 
 
