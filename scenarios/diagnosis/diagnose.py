@@ -57,8 +57,8 @@ class Tracing:
     """A diagnosis with what it was made from.
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is the time (s) at which the last
-    record was cut, None where whole records were predicted. ``explanations`` by effect name; ``own`` likewise: the traits of
-    effects that are not the library's. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
+    record was cut, None where whole records were predicted. ``explanations`` and ``traits`` of the
+    candidates by name. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
     ``effort``: how far the search looked.
@@ -72,7 +72,7 @@ class Tracing:
     inputs: Inputs
     held_out_from: float | None = None
     explanations: dict[str, str] = field(default_factory=dict)
-    own: dict[str, Traits] = field(default_factory=dict)
+    traits: dict[str, Traits] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     kinematics: Kinematics | None = None
@@ -160,7 +160,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects, opened.vehicle.own_file),
         posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
-        {effect.name: effect.traits for effect in own},
+        {effect.name: effect.traits for effect in reversed(candidates)},
         posed.notes,
         posed.doubts,
         kinematics,

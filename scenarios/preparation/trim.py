@@ -70,8 +70,20 @@ def _trim(record: Record, values: np.ndarray) -> float:
         return 0.0
     resting = values[:until]
     level = float(np.mean(resting))
-    scatter = float(np.std(resting)) / np.sqrt(len(resting))
+    scatter = _scatter_of_mean(resting)
     return level if abs(level) > 3.0 * scatter and abs(level) > 1e-6 * span else 0.0
+
+
+def _scatter_of_mean(values: np.ndarray) -> float:
+    """Standard deviation of the mean: noise counts sample by sample, a smooth motion, as a sum of sines begins with, as one value.
+
+    The share of noise is von Neumann's ratio of the steps' mean square to twice the variance.
+    """
+    variance = float(np.var(values))
+    if variance == 0.0:
+        return 0.0
+    noise = min(1.0, 0.5 * float(np.mean(np.diff(values) ** 2)) / variance)
+    return float(np.sqrt(variance / max(1.0, noise * len(values))))
 
 
 def _moves(channel: Channel, until: int) -> bool:

@@ -12,8 +12,8 @@ from typing import Any
 
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
-from sim.declaration.own_biases import biases_told
 from sim.declaration.own_equations import Answer, OwnEquations
+from sim.declaration.own_sensors import biases_told, refuse_misnamed
 from sim.declaration.own_trial import Starts, try_model
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
@@ -45,7 +45,7 @@ def own_model(
     Parameters
     ----------
     name : of the model, for tables and messages.
-    states, inputs, outputs : name -> unit. An output may have the name of the state that it reads.
+    states, inputs, outputs : name -> unit. An output with the name of a state reads that state, in its unit: a fit begins there.
     parameters : name -> (start, unit), estimated. constants : likewise, held.
     rates : ``rates(s, p)`` gives each state's rate by name, in the state's unit per second. ``s`` has states, inputs, ports, ``time`` (s) and what
         ``flow`` forms; each a number, a complex number or an array, for which the functions of ``sim.maths.elementary`` are made.
@@ -56,7 +56,7 @@ def own_model(
     initial : name -> value of a state at the start, zero where it is left out; of an input: where the functions are tried.
     bounds : name of a parameter -> (lowest, highest).
     biases : outputs whose sensors have a free constant bias; when None all, but for those that no record tells from where its states begin
-        (``sim.declaration.own_biases``).
+        (``sim.declaration.own_sensors``).
 
     Raises
     ------
@@ -93,6 +93,7 @@ def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, f
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
     equations = replace(equations, formed_names=try_model(equations, starts))
+    refuse_misnamed(equations, starts)
     if all_biases:
         equations = replace(equations, biased_outputs=biases_told(equations, starts))
     begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]

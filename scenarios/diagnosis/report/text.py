@@ -59,8 +59,8 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
-    inputs = [signal.name for signal in tracing.model.equations.inputs]
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.own, tuple(inputs))
+    inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs)
 
 
 def subject(tracing: Tracing) -> str:

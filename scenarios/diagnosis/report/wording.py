@@ -16,21 +16,22 @@ _TIMES = ("time", "start", "begin", "duration")
 
 @dataclass(frozen=True)
 class Wording:
-    """What the sentences need to know of the study: the name of the control, the stick's unit where there is one, and the traits of the
-    user's ``own`` effects by name; those of all others stand with the library's. ``controls``: all inputs where there are several, of
-    which the part of an effect's name behind the colon says on which it acts.
+    """What the sentences need to know of the study: the name of the control, the stick's unit where there is one, and the traits of the effects
+    that were candidates, by name; those of all others stand with the library's. ``controls``: all inputs, of which the part of an effect's
+    name behind the colon says on which it acts.
     """
 
     control: str = "elevator"
     stick_unit: str = ""
-    own: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
+    candidates: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
     controls: tuple[str, ...] = ()
 
     def traits(self, name: str) -> Traits:
-        """What is known of an effect: of a user's own, else of the library's."""
+        """What is known of an effect, or of its first instance (``elastic-mode`` for ``elastic-mode#2``): a candidate's, else the library's."""
         from sim.effects.library import traits_of
 
-        return self.own[name] if name in self.own else traits_of(name)
+        known = next((each for each in (name, name.partition("#")[0]) if each in self.candidates), None)
+        return self.candidates[known] if known is not None else traits_of(name)
 
     def control_of(self, name: str) -> str:
         """The input that an effect acts on, ``"input-delay:rudder"``; the first of all where its name does not say."""

@@ -238,7 +238,7 @@ def test_documented_effect_joins_the_candidates(files: tuple[Path, Path, Path], 
     tracing = diagnosed([train], "rigid", vehicle, [validate], own, trace=loop)
     assert loop.given["candidates"][-1].name == "vane-upwash"
     assert tracing.inputs.effects[0].name == "my_effects.py"
-    assert "{upwash}" in tracing.own["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]
+    assert "{upwash}" in tracing.traits["vane-upwash"].sentences[0] and tracing.explanations["vane-upwash"]
     model = model_of_file(read_vehicle(vehicle, "rigid"))
     assert "vane-upwash" not in {effect.name for effect in candidates_for(model)}, "a user's effect must not stay behind"
 

@@ -59,9 +59,9 @@ def test_scale_is_told_in_per_cent(scale: float, words: str) -> None:
 def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
     claim = Claim("vane-upwash", {"curvature": Quantity(2.0, 0.1, "1/rad")})
     assert sentence(claim, Wording()) == "vane-upwash acts: curvature 2.00 +- 0.10 1/rad"
-    assert sentence(claim, Wording(own={"vane-upwash": Traits(("bent by {curvature}",))})) == "bent by 2.0 1/rad"
+    assert sentence(claim, Wording(candidates={"vane-upwash": Traits(("bent by {curvature}",))})) == "bent by 2.0 1/rad"
     for template in ("{missing}", "{", "{0}", "{curvature.x}"):
-        assert sentence(claim, Wording(own={"vane-upwash": Traits((template,))})).startswith("vane-upwash acts")
+        assert sentence(claim, Wording(candidates={"vane-upwash": Traits((template,))})).startswith("vane-upwash acts")
 
 
 def test_what_the_data_do_not_determine_is_said_in_words() -> None:

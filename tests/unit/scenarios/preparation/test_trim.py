@@ -42,6 +42,17 @@ def test_an_unknown_trim_is_told_where_it_matters() -> None:
     assert trim_sentence(record_of(ramp + 0.04, ramp), "elevator") == ""
 
 
+def test_a_sum_of_sines_that_begins_gently_is_no_rest() -> None:
+    """Its first half second stays within a twentieth of its span and has a mean; noise on an input that rests has one as well, and is one."""
+    rise = np.minimum(TIME / 2.0, 1.0)
+    gentle = 0.1 * rise * np.sin(3.0 * TIME + 1.0)
+    record = record_of(gentle, np.sin(TIME))
+    assert about_trim(record) == (record, {})
+    noise = 0.0005 * np.random.default_rng(1).standard_normal(len(TIME))
+    resting = record_of(PULSES - 0.01 + noise, PULSES)
+    assert about_trim(resting)[1] == pytest.approx({"elevator": -0.01}, abs=4.0 * 0.0005 / np.sqrt(39.0))
+
+
 def test_a_record_of_an_aircraft_about_its_trim() -> None:
     """A rest before the first move is a trim; a step that is held from the first sample on is none."""
     flight = rigid_flight(8.0, 50.0)

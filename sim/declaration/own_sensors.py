@@ -1,4 +1,7 @@
-"""Which biases of sensors a record can tell from where its states begin: an angle that nothing but its own gyro feels is known to a constant."""
+"""What the sensors of an own model tell: which biases a record knows from where its states begin, and which output reads a state.
+
+An angle that nothing but its own gyro feels is known to a constant.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,10 @@ import numpy as np
 
 from sim.declaration.own_equations import OwnEquations
 from sim.declaration.own_trial import Starts, beside
+from sim.errors import ModelError
 from sim.maths.elementary import complex_step_jacobian
 
+ALIKE = 2.0  # times: a sensor that reads a state moves with it, by a scale factor at most
 RANK = 1e-9  # of the largest singular value, below which a direction is not seen: slopes are exact to rounding
 
 
@@ -23,6 +28,22 @@ def biases_told(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     """
     told = [_told(*_slopes(equations, beside(starts, side))) for side in (1.0, -1.0)]
     return tuple(signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told))
+
+
+def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
+    """Raise ModelError for an output that has the name of a state, with which a fit begins, and reads something else."""
+    states = [signal.name for signal in equations.states]
+    both = [(i, states.index(signal.name)) for i, signal in enumerate(equations.outputs) if signal.name in states]
+    slopes = [_slopes(equations, beside(starts, side))[1] for side in (1.0, -1.0)] if both else []
+    for i, j in both:
+        output, state = equations.outputs[i], equations.states[j]
+        where = f"model {equations.name}, outputs, {output.name}"
+        if output.unit != state.unit:
+            remedy = "give it the state's unit (a record's columns are converted), or another name"
+            raise ModelError(f"the unit is {output.unit}, that of the state of this name {state.unit}", where=where, remedy=remedy)
+        if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
+            told = f"it has the name of a state and reads something else (it moves {slopes[0][i, j]:.3g} times as far)"
+            raise ModelError(told, where=where, remedy="give it another name, or read the state as it is")
 
 
 def _slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
