@@ -24,7 +24,7 @@ from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.preparation.request import Request, column_choices
-from scenarios.preparation.vehicle_model import outputs_with_bias
+from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -133,6 +133,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     progress("reading", 0.0)
     opened = _open(request, vehicle_path)
     posed = _posed(opened, request.plan)
+    settings = replace(settings, max_step=step_for(posed.model, posed.records, settings.max_step))
     own, of_effects = _own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
     overflows = Overflows()

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scenarios.preparation.vehicle_model import inputs_at_rest, root_sizes
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.declaration.own_equations import OwnEquations
 from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
+from sim.maths.elementary import COMPLEX_STEP
 
 ANGLE = 0.05  # rad, of a doublet on an angle; one unit on any other input
-SLOW = 1e-6  # rad/s, below which a root is an integrator
 PULSE = 1.5  # over a root's size: half the doublet's length
 BETWEEN = 8.0  # pulses from one doublet to the next
 FINE = 20.0  # steps in a pulse, and within the quickest root's time
@@ -42,7 +41,7 @@ def doublet_motion(model: Model) -> Motion:
     """The motion from the model's initial state, doublets as long as its roots ask for."""
     system = compile_model(model)
     rest = inputs_at_rest(model)
-    sizes = _roots(system, rest)
+    sizes = root_sizes(system, rest)
     pulse = PULSE / float(np.exp(np.mean(np.log(sizes)))) if len(sizes) else 1.0
     step = min(pulse, PULSE / float(np.max(sizes)) if len(sizes) else pulse) / FINE
     end = BETWEEN * pulse * max(1, len(system.inputs)) + 2.0 * pulse
@@ -81,21 +80,6 @@ def doublet_motion(model: Model) -> Motion:
     wide = tuple(np.hstack([slopes[:, i], np.tile(constant[i], (len(along), 1))]) for i in range(len(system.outputs)))
     moves = tuple(float(np.max(np.abs(values[:, i] - values[0, i]), initial=0.0)) if len(values) else 0.0 for i in range(len(system.outputs)))
     return Motion(pulse, amplitudes, step * len(along), names, wide, moves, len(along) < count)
-
-
-def inputs_at_rest(model: Model) -> list[float]:
-    """The inputs about which a model is tried: zero unless its file says otherwise."""
-    equations = model.equations
-    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
-    return [declared.get(signal.name, 0.0) for signal in equations.inputs]
-
-
-def _roots(system: System, u: list[float]) -> np.ndarray:
-    """Sizes of the roots about the initial state, rad/s, integrators left out."""
-    p = system.parameters.values().tolist()
-    slopes = complex_step_jacobian(lambda x: system.f(0.0, x, u, p), system.initial.values().tolist())
-    sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
-    return np.asarray(sizes[sizes > SLOW])
 
 
 def _stepped(value: float, column: int, count: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
 from scenarios.preparation.trim import of_totals
-from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias
+from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -70,7 +70,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         model, said = weighed(model, records, outputs)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
-    system, estimate = _estimated(records, biased, outputs, method, FitSettings(FIT_STEP, use_priors=bool(vehicle.modes)))
+    system, estimate = _estimated(records, biased, outputs, method, FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes)))
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+import numpy as np
+
+from scenarios.files.own_models import is_own
 from scenarios.files.vehicles import VehicleFile
+from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model
+from sim.declaration.own_equations import OwnEquations
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
+from sim.record import Record
 from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
 RELATIVE_PRIOR = 0.5
+SLOW = 1e-9  # rad/s, below which a root is an integrator
+RESOLVED = 0.15  # of a root's time: a Runge-Kutta step of that length is good to a millionth
+FINEST = 200.0  # sub-steps between samples: what is quicker still does not show
+RARE = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
@@ -44,6 +57,34 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
     if isinstance(model.equations, Biased):
         return [name for name in outputs if name in model.equations.biased_outputs]
     return [name for name in outputs if name != "altitude"]
+
+
+def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
+    """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a thousand times slower or faster than an aircraft's.
+
+    A share of the quickest root's time, never longer than the usual one or, where samples are rarer, than the sampling interval.
+    """
+    if not is_own(model) or not records:
+        return usual
+    interval = float(np.median(np.diff(records[0].time)))
+    sizes = root_sizes(compile_model(model), inputs_at_rest(model))
+    quick = RESOLVED / float(np.max(sizes)) if len(sizes) else math.inf
+    return min(max(quick, interval / FINEST), usual if interval <= RARE * usual else interval)
+
+
+def inputs_at_rest(model: Model) -> list[float]:
+    """The inputs about which a model is tried: zero unless its file says otherwise."""
+    equations = model.equations
+    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
+    return [declared.get(signal.name, 0.0) for signal in equations.inputs]
+
+
+def root_sizes(system: System, u: list[float]) -> np.ndarray:
+    """Sizes of the roots about the initial state, rad/s, integrators left out; none where the slopes are not finite."""
+    p = system.parameters.values().tolist()
+    slopes = complex_step_jacobian(lambda x: system.f(0.0, x, u, p), system.initial.values().tolist())
+    sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
+    return np.asarray(sizes[sizes > SLOW])
 
 
 def _with_prior(model: Model, free: Sequence[str]) -> Model:
