@@ -24,7 +24,7 @@ from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.preparation.request import Request, column_choices
-from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
+from scenarios.preparation.vehicle_model import moves_about_rest, outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -151,6 +151,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
                 posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
+    if not moves_about_rest(posed.model):
+        diagnosis = replace(diagnosis, derived_before={}, derived_after={})
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,

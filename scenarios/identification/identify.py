@@ -19,7 +19,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
 from scenarios.preparation.trim import of_totals
-from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
+from scenarios.preparation.vehicle_model import model_of_file, moves_about_rest, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -74,7 +74,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
-    airborne = vehicle.model != "ballistic" and _at_rest(model) and bool(np.all(np.isfinite(estimate.values)))
+    airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
@@ -92,11 +92,6 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         notes=tuple(note for note in (said, estimate.message) if note),
         cautions=cautions_of(vehicle, estimate, rows),
     )
-
-
-def _at_rest(model: Model) -> bool:
-    """Whether a motion about rest is what the model is declared for: only there is its natural frequency asked."""
-    return not is_own(model) or not np.any(model.initial.values())
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:

@@ -59,6 +59,11 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
     return [name for name in outputs if name != "altitude"]
 
 
+def moves_about_rest(model: Model) -> bool:
+    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
+    return not is_own(model) or not np.any(model.initial.values())
+
+
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
     """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a thousand times slower or faster than an aircraft's.
 

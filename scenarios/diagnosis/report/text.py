@@ -60,7 +60,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs, {} if is_own(tracing.model) else CHANNELS)
 
 
 def subject(tracing: Tracing) -> str:
