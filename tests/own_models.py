@@ -41,6 +41,34 @@ MODEL = own_model(
     readings=lambda s, p: {"x": s.x, "acceleration": s.a},
 )
 '''
+ROLL_AND_YAW = '''"""Roll, yaw and sideslip in dimensional derivatives."""
+
+from sim.declaration import own_model
+
+MODEL = own_model(
+    name="roll and yaw",
+    states={"p": "rad/s", "r": "rad/s", "beta": "rad", "phi": "rad"},
+    inputs={"aileron": "rad", "rudder": "rad"},
+    outputs={"p": "rad/s", "r": "rad/s", "beta": "rad", "phi": "rad"},
+    constants={"g_V": (0.1, "1/s")},
+    parameters={
+        "L_p": (-2.0, "1/s"),
+        "L_beta": (-8.0, "1/s2"),
+        "L_da": (10.0, "1/s2"),
+        "N_r": (-0.4, "1/s"),
+        "N_beta": (3.0, "1/s2"),
+        "N_dr": (-2.0, "1/s2"),
+        "Y": (-0.15, "1/s"),
+    },
+    rates=lambda s, p: {
+        "p": p.L_p * s.p + p.L_beta * s.beta + p.L_da * s.aileron,
+        "r": p.N_r * s.r + p.N_beta * s.beta + p.N_dr * s.rudder,
+        "beta": p.Y * s.beta - s.r + p.g_V * s.phi,
+        "phi": s.p,
+    },
+    readings=lambda s, p: {"p": s.p, "r": s.r, "beta": s.beta, "phi": s.phi},
+)
+'''
 ROLL_DECLARED: dict[str, Any] = {
     "name": "roll",
     "states": {"p": "rad/s", "phi": "rad"},

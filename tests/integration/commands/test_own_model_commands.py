@@ -19,7 +19,7 @@ from sim.maneuvers.steps import alternating
 from sim.truth.flight import fly, sample_times
 from sim.truth.measurement import Measurement
 from tests.integration.command_line import CommandLine
-from tests.own_models import ROLL, SPRING, model_file
+from tests.own_models import ROLL, ROLL_AND_YAW, SPRING, model_file
 
 TRUE = {"k": 40.0, "c": 1.5}
 NOISE = {"x": 0.002, "acceleration": 0.05}
@@ -80,6 +80,31 @@ def test_a_late_sensor_is_traced(flightid: CommandLine, tmp_path: Path) -> None:
     assert claim["name"] == late.name and content["verdict"] == "traced"
     assert claim["parameters"]["delay"]["value"] == pytest.approx(LATE, abs=0.002)
     assert content["error"]["unit"] == {"x": "m", "acceleration": "m/s2"} and content["inputs"]["model"] == "spring.py"
+
+
+def test_of_two_inputs_the_late_one_is_named(flightid: CommandLine, tmp_path: Path) -> None:
+    path = model_file(tmp_path, ROLL_AND_YAW)
+    model = read_own_model(path).model
+    late = [effect for effect in effects_for(model.equations) if effect.name == "input-delay:rudder"]
+    if not late:
+        pytest.skip("the library makes no effects for each of several inputs")
+    shares = {name: 1.1 if place % 2 else 0.9 for place, name in enumerate(model.parameters.free_names)}
+    flown = model.with_values({name: share * model.parameters[name].value for name, share in shares.items()}).with_effects(*late)
+    flown, noise = flown.with_values({"input-delay:rudder.delay": 0.12}), {"p": 0.003, "r": 0.002, "beta": 0.002, "phi": 0.003}
+    for stem, seed in (("record", 1), ("other", 2)):
+        maneuvers = {
+            "aileron": alternating(0.05, [0.5, 1.0, 0.5], start=1.0 + 0.2 * seed),
+            "rudder": alternating(0.08, [0.7, 0.7, 0.4, 0.4], start=5.0),
+        }
+        rng, measured = np.random.default_rng(seed), Measurement(noise)
+        write_record(tmp_path, fly(flown, maneuvers, sample_times(50.0, 12.0), rng, measurement=measured, step=0.005)[0], stem)
+    record, other, out = tmp_path / "record.csv", tmp_path / "other.csv", tmp_path / "out"
+    flightid.done("diagnose", record, "--validate", other, "--model", path, "--out", out, "--no-figures")
+    content = json.loads((out / "diagnosis.json").read_text())
+    (claim,) = content["effects"]
+    assert claim["name"] == "input-delay:rudder" and abs(claim["parameters"]["delay"]["value"] - 0.12) < 3.0 * claim["parameters"]["delay"]["std"]
+    after = content["parameters"]["after"]
+    assert all(abs(after[name]["value"] - flown.parameters[name].value) < 4.0 * after[name]["std"] for name in shares)
 
 
 def test_nothing_is_found_where_nothing_is_missing(flightid: CommandLine, tmp_path: Path) -> None:
