@@ -79,7 +79,12 @@ def flown(model: str, seed: int = 0, offsets: Mapping[str, float] | None = None,
     true = model_from_constants(model, CONSTANTS[model], TRUE[model], initial=_start(model))
     std = {name: noise * value for name, value in NOISE[model].items()}
     record, _ = fly(
-        true.with_noise(Noise(std)), maneuvers(model), sample_times(RATE, DURATION[model]), np.random.default_rng(seed), step=0.01, name=f"{model}.csv"
+        true.with_noise(Noise(std)),
+        maneuvers(model),
+        sample_times(RATE, DURATION[model]),
+        np.random.default_rng(seed),
+        step=0.01,
+        name=f"{model}.csv",
     )
     return moved(record, offsets or {})
 

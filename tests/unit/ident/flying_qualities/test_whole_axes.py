@@ -71,7 +71,7 @@ def test_level_flight_is_that_of_another_solver() -> None:
     assert flight is not None
     x, u = flight
     alpha, elevator, thrust = trim()
-    assert (x, u) == (pytest.approx([62.0, alpha, alpha, 0.0], rel=1e-9), pytest.approx([elevator, thrust], rel=1e-9))
+    assert x == pytest.approx([62.0, alpha, alpha, 0.0], rel=1e-9) and u == pytest.approx([elevator, thrust], rel=1e-9)
 
 
 def test_without_an_elevator_that_turns_there_is_no_level_flight() -> None:

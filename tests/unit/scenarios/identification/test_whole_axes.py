@@ -76,5 +76,5 @@ def test_the_modes_are_those_of_the_true_aircraft(model: str) -> None:
 
 
 def test_what_does_not_serve_is_told() -> None:
-    with pytest.raises(DeclarationError, match="--method: an unscented filter of totals is biased .*; use ekf, output-error"):
+    with pytest.raises(DeclarationError, match=r"--method: an unscented filter of totals is biased .*; use ekf, output-error"):
         identify(flown("longitudinal"), vehicle_file("longitudinal"), "ukf")

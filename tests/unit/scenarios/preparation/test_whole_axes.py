@@ -53,7 +53,8 @@ def test_accelerometers_serve_as_load_factors(tmp_path: Path, records: dict[str,
 
 
 def test_degrees_by_name(tmp_path: Path, records: dict[str, Record]) -> None:
-    units = {name: (f"{name}_deg", DEGREES) for name in ("beta", "phi", "aileron", "rudder")} | {"p": ("p_deg_s", DEGREES), "r": ("r [deg/s]", DEGREES)}
+    units = {name: (f"{name}_deg", DEGREES) for name in ("beta", "phi", "aileron", "rudder")}
+    units |= {"p": ("p_deg_s", DEGREES), "r": ("r [deg/s]", DEGREES)}
     same(read(tmp_path, "lateral", records["lateral"], units).fitted[0], records["lateral"])
 
 
