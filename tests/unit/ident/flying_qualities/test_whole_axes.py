@@ -12,7 +12,8 @@ from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
 from ident.flying_qualities.whole_axes import lateral_modes, level_flight, longitudinal_modes
 from sim.declaration.compile import compile_model
 from sim.declaration.system import System
-from sim.vehicles.factory import model_from_constants
+from sim.vehicles.factory import model_from_constants, model_of
+from sim.vehicles.library import read_parameter_set
 from tests.oracles.whole_axis_modes import lateral_roots, longitudinal_roots
 from tests.whole_axes import CONSTANTS, TRUE, trim, true_model
 
@@ -31,6 +32,29 @@ def test_lateral_modes() -> None:
     assert found["dutch_roll_damping"] == pytest.approx(-dutch.real / abs(dutch), rel=1e-9)
     assert found["roll_time_constant"] == pytest.approx(-1.0 / roll, rel=1e-9) and 0.1 < found["roll_time_constant"] < 1.0
     assert found["spiral_time_constant"] == pytest.approx(-1.0 / spiral, rel=1e-6)
+
+
+# Roots printed by Etkin and Reid for the Boeing 747 (tables 6.2 and 6.7), whose constants have three to four digits.
+PRINTED = {
+    "boeing747_lateral": {
+        "dutch_roll": complex(-0.033011, 0.94655),
+        "roll_time_constant": 1.0 / 0.56248,
+        "spiral_time_constant": 1.0 / 0.0072973,
+    },
+    "boeing747_longitudinal": {"phugoid": complex(-0.003289, 0.06723), "short_period": complex(-0.3719, 0.8875)},
+}
+
+
+@pytest.mark.parametrize("name", list(PRINTED))
+def test_a_textbook_aircraft_has_the_printed_modes(name: str) -> None:
+    system = compile_model(model_of(read_parameter_set(name)))
+    found = (lateral_modes if "lateral" in name else longitudinal_modes)(system, system.parameters.values())
+    for mode, printed in PRINTED[name].items():
+        if isinstance(printed, complex):
+            assert found[f"{mode}_frequency"] == pytest.approx(abs(printed), rel=0.005)
+            assert found[f"{mode}_damping"] == pytest.approx(-printed.real / abs(printed), rel=0.01)
+        else:
+            assert found[mode] == pytest.approx(printed, rel=0.01)
 
 
 def test_a_spiral_that_grows_has_a_negative_time_constant() -> None:
