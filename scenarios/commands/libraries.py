@@ -69,9 +69,10 @@ def show_vehicles(name: str | None, other: str | None) -> None:
     if name is None:
         if other is not None:
             raise DeclarationError("--diff compares two vehicles", where="flightid vehicles", remedy="name one before it")
-        for each in vehicle_names():
-            data = read_parameter_set(each)
-            print(f"{each:20}  {data.title}")
+        names = vehicle_names()
+        width = max(map(len, names))
+        for each in names:
+            print(f"{each:{width}}  {read_parameter_set(each).title}")
         return
     from rich.table import Table
 

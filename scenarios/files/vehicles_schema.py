@@ -75,7 +75,6 @@ _LOES_STARTS = _table(
 _BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
 
 
-
 def _whole_axes(model: str) -> type[BaseModel]:
     """The file of equations whose constants must be given, and whose derivatives may be left out."""
     _, constants, derivatives = WHOLE_AXES[model]

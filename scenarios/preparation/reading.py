@@ -52,7 +52,7 @@ class Prepared:
 
 
 def prepared(record: Record, plan: Plan, *, own: bool = False) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: load factors from accelerometers, then the plan's common filter. Sentences on what was done; a record that needs nothing comes back itself."""
+    """What needs no model: load factors from accelerometers, then the plan's common filter; sentences on both. A sound record comes back itself."""
     record, of_accelerometers = (record, ()) if own else with_load_factors(record)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))

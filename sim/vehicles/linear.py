@@ -1,14 +1,15 @@
-"""A model about rest as a linear system: matrices, frequency response, response to a held input."""
+"""A model about rest or a trimmed flight as a linear system: matrices, frequency response, response to a held input."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
+from sim.errors import DeclarationError
 from sim.maths.elementary import complex_step_jacobian
 
 
@@ -22,11 +23,28 @@ class StateSpace:
     D: np.ndarray
 
 
-def linearise(model: Model, outputs: Sequence[str] | None = None) -> StateSpace:
-    """Matrices of a model about the origin, exact to rounding; effects on the input and sensor paths are left out."""
+def linearise(model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None) -> StateSpace:
+    """Matrices of a model, exact to rounding; effects on the input and sensor paths are left out.
+
+    Parameters
+    ----------
+    model : the declaration.
+    outputs : the outputs wanted, in order; all when None.
+    about : the point, states and inputs by name in SI, zero where one is not named; the origin when None. The matrices are the
+        derivatives there, whether or not the point is a trim: rates that are not zero in it are not kept.
+
+    Raises
+    ------
+    DeclarationError : ``about`` names what is neither state nor input.
+    """
     system = compile_model(model, outputs)
     p = system.parameters.values().tolist()
-    x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
+    point = dict(about or {})
+    x0 = [float(point.pop(signal.name, 0.0)) for signal in system.states]
+    u0 = [float(point.pop(signal.name, 0.0)) for signal in system.inputs]
+    for name in point:
+        known = ", ".join(signal.name for signal in (*system.states, *system.inputs))
+        raise DeclarationError(f"there is no state or input {name}", where=f"linearising {model.equations.name}", remedy=f"use {known}")
     return StateSpace(
         complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0),
         complex_step_jacobian(lambda u: system.f(0.0, x0, u, p), u0),

@@ -11,9 +11,11 @@ import pint
 import pytest
 
 from sim.declaration.compile import compile_model
+from sim.declaration.model import Model
+from sim.maths.constants import G0
 from sim.maths.elementary import complex_step_jacobian
 from sim.vehicles.data import Origin, VehicleData
-from sim.vehicles.factory import model_of
+from sim.vehicles.factory import WHOLE_AXES, model_of
 from sim.vehicles.library import read_parameter_set, vehicle_names
 from sim.vehicles.linear import linearise
 
@@ -36,6 +38,14 @@ def quantity(text: str) -> pint.Quantity:
 
 def parsed(unit: str) -> pint.Unit:
     return UNITS.parse_units(re.sub(r"(?<=[A-Za-z])(\d)", r"**\1", unit).replace(" ", "*") or "dimensionless")
+
+
+def level_flight(model: Model) -> dict[str, float]:
+    """The start of a longitudinal model with the thrust that keeps its speed."""
+    system = compile_model(model)
+    p, x = system.parameters.values().tolist(), system.initial.values().tolist()
+    slowing, with_one = (float(system.f(0.0, x, [0.0, thrust], p)[0]) for thrust in (0.0, 1.0))
+    return {**dict(zip(system.initial.names, x, strict=True)), "thrust": slowing / (slowing - with_one)}
 
 
 def test_every_data_file_is_a_vehicle_or_known_otherwise() -> None:
@@ -65,9 +75,14 @@ def test_units_are_si(vehicle: VehicleData) -> None:
 def test_every_number_of_a_model_has_a_source(vehicle: VehicleData) -> None:
     model = model_of(vehicle)
     for item in model.parameters:
-        assert item.source == vehicle[item.name].source
-        assert item.unit == vehicle[item.name].unit
-    assert {number.name for number in vehicle.numbers} == {*model.parameters.names}
+        if item.name in vehicle:
+            assert item.source == vehicle[item.name].source
+            assert item.unit == vehicle[item.name].unit
+        else:  # only a derivative may be left out, which is zero and stays so
+            assert (item.value, item.free) == (0.0, False)
+            assert item.name in WHOLE_AXES[vehicle.equations][2]
+            assert item.source.endswith("left out")
+    assert {number.name for number in vehicle.numbers} <= {*model.parameters.names}
 
 
 def test_a_file_writes_no_number_of_its_base_twice(vehicle: VehicleData) -> None:
@@ -88,10 +103,31 @@ def test_model_compiles_and_rates_and_outputs_are_finite(vehicle: VehicleData) -
 
 
 def test_aircraft_are_stable(vehicle: VehicleData) -> None:
-    if vehicle.equations != "rigid":
-        assert vehicle.equations == "ballistic"
+    model = model_of(vehicle)
+    if vehicle.equations == "ballistic":
         return
-    assert np.all(np.linalg.eigvals(linearise(model_of(vehicle)).A).real < 0)
+    if vehicle.equations == "longitudinal":
+        assert np.all(np.linalg.eigvals(linearise(model, about=level_flight(model)).A).real < 0)
+        return
+    assert vehicle.equations in ("rigid", "lateral")
+    found = sorted(np.linalg.eigvals(linearise(model).A).tolist(), key=abs)
+    if vehicle.equations == "lateral":
+        # The spiral mode may grow, doubling in no less than 20 s (MIL-F-8785C, level 1, category B).
+        spiral = found.pop(0)
+        assert spiral.imag == 0.0
+        assert spiral.real < np.log(2.0) / 20.0
+    assert all(root.real < 0 for root in found)
+
+
+def test_longitudinal_sets_start_in_level_flight(vehicle: VehicleData) -> None:
+    if vehicle.equations != "longitudinal":
+        return
+    model = model_of(vehicle)
+    system, flight = compile_model(model), level_flight(model)
+    assert flight["airspeed"] == vehicle["reference_airspeed"].value
+    rates = system.f(0.0, system.initial.values().tolist(), [0.0, flight["thrust"]], system.parameters.values().tolist())
+    # CL_0 is printed with six digits; speed and pitch rate are steady to rounding.
+    assert rates == pytest.approx([0.0] * 4, abs=1e-6 * G0 / flight["airspeed"] / vehicle["CL_0"].value)
 
 
 def test_complex_step_equals_central_difference(vehicle: VehicleData) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
+from collections.abc import Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,9 @@ def test_rates_are_those_of_the_matrix() -> None:
 
 def test_a_port_is_added_to_the_rate_of_its_state() -> None:
     class Push:
-        name, station, parameters, absent, aliases, explanation, states = "push", UnmeasuredInput().station, (), {}, (), "", ()
-        regularity, needs = UnmeasuredInput().regularity, ("phi_rate",)
+        name, station, regularity, explanation = "push", UnmeasuredInput().station, UnmeasuredInput().regularity, ""
+        parameters, states, aliases, needs = (), (), (), ("phi_rate",)
+        absent: Mapping[str, float] = MappingProxyType({})
 
         def increments(self, s: Any, vehicle: Any, p: Any) -> dict[str, float]:
             return {"phi_rate": 0.25}

@@ -69,7 +69,7 @@ FAULTS: list[tuple[dict[str, Any], str]] = [
     ({"flow": lambda s, p: {"a b": 1.0}}, "model roll, flow: 'a b' is no name; "),
     (rated(lambda s, p: s.q), ": there is no signal s.q; declare it, or use one of "),
     (rated(lambda s, p: p.Lp * s.p), ": there is no parameter p.Lp; did you mean 'L_p'?"),
-    (rated(lambda s, p: {}["x"]), ": rates gives no 'x'; "),
+    (rated(lambda s, p: dict.fromkeys("q", s.p)["x"]), ": rates gives no 'x'; "),
     (rated(lambda s, p: undefined), ": NameError: name 'undefined' is not defined; "),  # type: ignore[name-defined]  # noqa: F821
     (rated(lambda s, p: 1.0 / s.p), ": ZeroDivisionError: "),
     (rated(lambda s, p: math.nan), "model roll, rates: the rate of p is nan at the starts; "),

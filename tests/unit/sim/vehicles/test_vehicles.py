@@ -99,6 +99,24 @@ def test_elastic_modes_without_coupling_leave_the_rigid_motion_bit_for_bit() -> 
     assert flexible.f(0.0, x, u, flexible.parameters.values().tolist())[:2] == rigid.f(0.0, x[:2], u, rigid.parameters.values().tolist())
 
 
+def test_matrices_about_a_point_are_the_slopes_there() -> None:
+    model = model_of(read_parameter_set("navion_longitudinal"))
+    about = {"airspeed": 60.0, "alpha": 0.05, "theta": 0.1, "q": -0.02, "elevator": 0.03, "thrust": 2000.0}
+    system, found = compile_model(model), linearise(model, about=about)
+    point, p = np.array(list(about.values())), system.parameters.values().tolist()
+    for function, matrix in ((system.f, np.hstack([found.A, found.B])), (system.h, np.hstack([found.C, found.D]))):
+        for j in range(6):
+            step = 1e-5 * max(1.0, point[j]) * np.eye(6)[j]
+            ends = [np.array(function(0.0, at[:4].tolist(), at[4:].tolist(), p)) for at in (point + step, point - step)]
+            # The differences' truncation goes with the square of the step, their rounding is 1e-16 of the values over it.
+            assert matrix[:, j] == pytest.approx((ends[0] - ends[1]) / (2.0 * step[j]), rel=1e-7, abs=1e-8)
+
+
+def test_linearising_about_what_is_not_there_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="there is no state or input flaps"):
+        linearise(model_of(read_parameter_set("navion_longitudinal")), about={"airspeed": 50.0, "flaps": 0.1})
+
+
 def test_users_numbers_go_through_the_same_factory() -> None:
     data = read_parameter_set("bomber_ac1")
     constants = {name: data[name].value for name in (*RIGID_CONSTANTS, "omega1", "zeta1", "generalized_mass1")}
