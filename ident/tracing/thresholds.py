@@ -70,8 +70,8 @@ STRONG_WITNESS = 10.0  # log likelihood. chosen: twice what an addition has to b
 EVENTS_FITTED = 3  # to each record left out. chosen, for time
 LONE_EVENT = 30.0  # log likelihood. Simulation: the best of all events in 5 records of which none has one, coloured by what no effect names
 # Of what its record leaves. Simulation, records of 10 to 25 s: gusts beside a wrong model 0.39 to 0.52 (12), events that a wrong model made 0.05 to
-# 0.21 (6). In a longer record the same gust explains less, and is claimed less easily.
-EVENT_EXPLAINS = 0.3
+# 0.44 (8): most of those gusts remain hints, which is the price of no false one.
+EVENT_EXPLAINS = 0.5
 STANDS_ALONE = 3.0  # chosen: what a wrong model has left differs less from record to record
 BY_ONE_STEP = 30.0  # log likelihood. chosen, as ``LONE_EVENT``: one pair of effects in the place of another, where it predicts no worse
 NO_PREFERENCE = 0.04  # chosen: no one would prefer one cause to another for four per cent of the error

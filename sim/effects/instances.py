@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
 
 from sim.declaration.effect import Signal
 from sim.declaration.model import Containing, Equations
@@ -10,8 +11,17 @@ from sim.declaration.model import Containing, Equations
 KNOWN_INPUTS, KNOWN_OUTPUTS = ("elevator", "stick"), ("alpha", "q", "nz", "altitude")  # their instances stand in the effects' own files
 # Ports through which the air comes in; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
+RECORDED = ("theta",)  # comes in as an input where it is recorded
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
 _LARGE_OUTPUT = {"rad": 0.2, "rad/s": 0.2, "g": 2.0, "m/s": 20.0, "m": 1000.0, "m/s2": 20.0}
+
+
+@runtime_checkable
+class Commanded(Protocol):
+    """Equations that say which of their inputs are controls."""
+
+    @property
+    def controls(self) -> tuple[str, ...]: ...
 
 
 def labelled(name: str, label: str) -> str:
@@ -24,13 +34,22 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
     return tuple(labelled(name, label) for name in names)
 
 
+def controls(equations: Equations) -> tuple[Signal, ...]:
+    """Inputs that move the vehicle: what a record shows of the air, of the speed or of the attitude comes in through a port or by its own name."""
+    if isinstance(equations, Commanded):
+        return tuple(signal for signal in equations.inputs if signal.name in equations.controls)
+    ports = {port.name for port in equations.ports}
+    return tuple(signal for signal in equations.inputs if signal.name not in ports and signal.name not in RECORDED)
+
+
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
     """Inputs that need instances of their own, with the label of each: its name where there are several inputs."""
     if isinstance(equations, Containing):
         # What lies between input and vehicle is part of these equations.
         return ()
-    several = len(equations.inputs) > 1
-    return tuple((signal, signal.name if several else "") for signal in equations.inputs if several or signal.name not in KNOWN_INPUTS)
+    moved = controls(equations)
+    several = len(moved) > 1
+    return tuple((signal, signal.name if several else "") for signal in moved if several or signal.name not in KNOWN_INPUTS)
 
 
 def further_outputs(equations: Equations) -> tuple[Signal, ...]:

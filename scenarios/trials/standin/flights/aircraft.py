@@ -27,6 +27,7 @@ class LongitudinalFlight:
     name: str = "rigid"
     states: tuple[Signal, ...] = (*BASE.states, Signal("theta", "rad", "pitch angle above trim"), Signal("speed", "m/s", "airspeed above the start"))
     inputs: tuple[Signal, ...] = (*BASE.inputs, Signal("updraft", "m/s", "gust, up"), Signal("thrust", "m/s2", "thrust above drag over mass"))
+    controls: tuple[str, ...] = ("elevator",)
     outputs: tuple[Signal, ...] = (
         *BASE.outputs,
         Signal("theta", "rad", "pitch angle"),
