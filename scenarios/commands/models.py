@@ -118,8 +118,8 @@ def print_checks(model: Model) -> None:
         raise ModelError(f"complex steps differ from differences by {apart:.1g}", where=f"model {model.name}", remedy=_ELEMENTARY)
     motion, found = excited(model)
     units = {signal.name: signal.unit for signal in model.equations.inputs}
-    flown = " and ".join(f"{name} {size:g} {units[name]}" for name, size in motion.amplitudes.items()) or "none"
-    cut = ", cut short where it runs away" if motion.ran_away else ""
+    flown = " and ".join(f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items()) or "none"
+    cut = ", cut short where it leaves all measure" if motion.ran_away else ""
     print(f"\nexample: doublets of {motion.pulse:.3g} s to each side on {flown}, {motion.end:.3g} s{cut}; noise 1 % of each output's largest move")
     for one in found:
         if one.sigma < float("inf"):
