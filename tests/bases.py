@@ -1,17 +1,20 @@
-"""Base models and records that tests share: rigid aircraft, low-order equivalent system and falling body, with made-up inputs."""
+"""Base models and records that tests share: rigid aircraft, low-order equivalent, falling body and whole axes, with made-up inputs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import fsolve
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.system import System
+from sim.maths.constants import G0
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import Step, rk4_step, simulate
 from sim.record import Hold
@@ -45,6 +48,27 @@ LOES_VALUES = {
     "delay": 0.12,  # a whole number of sub-steps: the input then jumps between steps, and integrators keep their order
 }
 BALLISTIC_VALUES = {"air_density_reference": 1.752, "density_scale_height": 6705.6, "gravity": 9.80665, "beta": 2441.2}
+# A light single-engined aircraft, with a cross inertia and a trim that no stability axes have: every term acts.
+LATERAL_VALUES = {
+    **{"mass": 1247.0, "wing_area": 17.1, "span": 10.2, "roll_inertia": 1420.0, "yaw_inertia": 4790.0, "cross_inertia": 120.0},
+    **{"airspeed": 53.6, "air_density": 1.225, "trim_alpha": 0.03, "trim_theta": 0.05},
+    **{"CY_beta": -0.56, "CY_p": -0.02, "CY_r": 0.2, "CY_da": 0.01, "CY_dr": 0.157},
+    **{"Cl_beta": -0.074, "Cl_p": -0.41, "Cl_r": 0.107, "Cl_da": -0.134, "Cl_dr": 0.012},
+    **{"Cn_beta": 0.071, "Cn_p": -0.0575, "Cn_r": -0.125, "Cn_da": 0.0035, "Cn_dr": -0.072},
+}
+LONGITUDINAL_VALUES = {
+    **{
+        "mass": 1247.0,
+        "wing_area": 17.1,
+        "chord": 1.74,
+        "pitch_inertia": 4067.0,
+        "air_density": 1.225,
+        "reference_airspeed": 53.6,
+        "thrust_arm": 0.1,
+    },
+    **{"CD_0": 0.05, "CD_V": 0.003, "CD_alpha": 0.33, "CL_0": 0.3, "CL_V": 0.01, "CL_alpha": 4.44, "CL_q": 3.8, "CL_de": 0.355},
+    **{"Cm_0": 0.01, "Cm_V": 0.0258, "Cm_alpha": -0.54, "Cm_q": -14.3, "Cm_de": -0.912},
+}
 
 
 def rigid_model(values: Mapping[str, float] = RIGID_VALUES) -> Model:
@@ -65,6 +89,38 @@ def loes_model(values: Mapping[str, float] = LOES_VALUES) -> Model:
     """The low-order equivalent system at rest in trim, constant terms zero; the delay is held, so that filters take it too."""
     model = model_from_constants("loes", LOES_CONSTANTS, values).with_noise(Noise({"alpha": 0.001, "q": 0.002, "nz": 0.02}))
     return model.with_parameters(model.parameters.hold(["delay"]))
+
+
+def lateral_model(values: Mapping[str, float] = LATERAL_VALUES) -> Model:
+    """The whole lateral axis, wings level in trim."""
+    noise = Noise({"beta": 0.001, "p": 0.001, "r": 0.001, "phi": 0.001, "ny": 0.002})
+    return model_from_constants("lateral", {}, values).with_noise(noise)
+
+
+def longitudinal_model(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> Model:
+    """The whole longitudinal axis in level flight at the reference airspeed, where elevator and thrust are those of ``LEVEL``."""
+    initial = {"airspeed": values["reference_airspeed"], "alpha": LEVEL[0], "theta": LEVEL[0], "q": 0.0}
+    noise = Noise({"airspeed": 0.1, "alpha": 0.001, "theta": 0.001, "q": 0.001, "nz": 0.01, "nx": 0.002})
+    return model_from_constants("longitudinal", {}, values, initial=initial).with_noise(noise)
+
+
+def level_flight(values: Mapping[str, float] = LONGITUDINAL_VALUES) -> tuple[float, float, float]:
+    """Angle of attack (rad), elevator (rad) and thrust (N) of steady level flight: lift, moment and drag balanced to the last digits."""
+    v, pressure = values, 0.5 * values["air_density"] * values["reference_airspeed"] ** 2 * values["wing_area"]
+
+    def unbalance(x: Any) -> list[float]:
+        alpha, elevator, push = x
+        drag = v["CD_0"] + v["CD_V"] + v["CD_alpha"] * alpha
+        lift = v["CL_0"] + v["CL_V"] + v["CL_alpha"] * alpha + v["CL_de"] * elevator
+        moment = v["Cm_0"] + v["Cm_V"] + v["Cm_alpha"] * alpha + v["Cm_de"] * elevator
+        weight = v["mass"] * G0 / pressure
+        return [lift + push * math.sin(alpha) - weight, drag - push * math.cos(alpha), moment + push * v["thrust_arm"] / v["chord"]]
+
+    alpha, elevator, push = fsolve(unbalance, [0.0, 0.0, 0.05], xtol=1e-14)
+    return float(alpha), float(elevator), float(push * pressure)
+
+
+LEVEL = level_flight()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +158,28 @@ def ballistic_flight(duration: float = 20.0, rate: float = 10.0) -> Flight:
     return Flight(time, np.zeros((0, time.size)), max_step=0.05)
 
 
+def lateral_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
+    """A 3-2-1-1 of the rudder, then a doublet of the aileron before it has ended."""
+    time = np.arange(round(duration * rate) + 1) / rate
+    doublet = 0.06 * (((time >= 2.2 - 1e-9) & (time < 2.8 - 1e-9)) * 1.0 - ((time >= 2.8 - 1e-9) & (time < 3.4 - 1e-9)))
+    return Flight(time, np.array([doublet, three_two_one_one(time, 0.6, 0.4, 0.08)]), max_step=0.04)
+
+
+def longitudinal_flight(duration: float = 4.0, rate: float = 25.0) -> Flight:
+    """A 3-2-1-1 of the elevator from level flight, and a step of thrust."""
+    time = np.arange(round(duration * rate) + 1) / rate
+    thrust = LEVEL[2] + 600.0 * (time >= 2.6 - 1e-9)
+    return Flight(time, np.array([LEVEL[1] + three_two_one_one(time, 0.6, 0.4, 0.08), thrust]), max_step=0.04)
+
+
 def base_for(equations: str) -> tuple[Model, Flight]:
     """Model and flight by the name of the equations."""
     return {
         "rigid": (rigid_model(), rigid_flight()),
         "loes": (loes_model(), loes_flight()),
         "ballistic": (ballistic_model(), ballistic_flight()),
+        "lateral": (lateral_model(), lateral_flight()),
+        "longitudinal": (longitudinal_model(), longitudinal_flight()),
     }[equations]
 
 

@@ -40,26 +40,28 @@ from sim.propagation.integrate import outputs_at_samples, rk4_step
 from sim.record import Hold
 from sim.truth.random_forcing import propagate_with_process_noise
 from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.loes import Loes
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import Flight, base_for, fly, fly_model
+from tests.offered import ALL_VEHICLES, VEHICLES, first_of_each_kind, guards_of_whole_axes, made, representatives
 
 ROOT = Path(__file__).parents[2]
-VEHICLES = (ShortPeriod(), Loes(), Ballistic())
-CASES = [pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}") for vehicle in VEHICLES for effect in effects_for(vehicle)]
-EFFECTS = [pytest.param(effect, id=effect.name) for effect in library()]
+OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in effects_for(vehicle)] + representatives()
+CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED]
+EFFECTS = [pytest.param(effect, id=effect.name) for effect in (*library(), *made())]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)
-GUARDS = [pytest.param(guard, vehicle.name, id=f"{guard.name} on {vehicle.name}") for vehicle in VEHICLES for guard in guards_for(vehicle)]
+OFFERED_GUARDS = [(guard, vehicle.name) for vehicle in VEHICLES for guard in guards_for(vehicle)] + guards_of_whole_axes()
+FLOWN_GUARDS = [each for each in OFFERED_GUARDS if each not in guards_of_whole_axes()] + first_of_each_kind(guards_of_whole_axes())
+GUARDS = [pytest.param(guard, base, id=f"{guard.name} on {base}") for guard, base in FLOWN_GUARDS]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES + GUARDS)
 every_effect = pytest.mark.parametrize("effect", EFFECTS)
 
-# Names that other programs read; where a colon follows, an output channel (spikes: also an input) or a number.
+# Names that other programs read; where a colon follows, an output channel (spikes: also an input), an input, a port or a number.
 FIXED_NAMES = {
     Station.INPUT_PATH: "input-delay actuator-lag actuator-second-order actuator-rate-limit actuator-saturation input-deadband input-backlash "
     "input-recorded-late",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
-    "density-scale-height drag-mach drag-jump",
-    Station.DISTURBANCE: "gust-turbulence gust-discrete speed-variation unmeasured-input phugoid",
+    "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity side-force-nonlinearity drag-nonlinearity",
+    Station.DISTURBANCE: "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid",
     Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base accelerometer-offset "
     "sensor-coupling sensor-curve sensor-step sensor-hold",
     Station.NOISE: "",
@@ -114,7 +116,20 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
         assert low <= value <= high
         assert values[name].value != value, "a starting value is where the effect acts"
     assert effect.name not in effect.aliases
-    assert any(applies(effect, vehicle) for vehicle in VEHICLES), "no vehicle here can carry it: extend VEHICLES and tests/bases.py"
+    assert any(applies(effect, vehicle) for vehicle in ALL_VEHICLES), "no vehicle here can carry it: extend tests/offered.py and tests/bases.py"
+
+
+def names(*fields: str) -> set[str]:
+    """Names of the signals in these fields of all equations."""
+    return {signal.name for vehicle in ALL_VEHICLES for field in fields for signal in getattr(vehicle, field)}
+
+
+LABELS = {
+    Station.INPUT_PATH: names("inputs"),
+    Station.DYNAMICS: names("inputs", "ports"),
+    Station.DISTURBANCE: names("ports"),
+    Station.SENSOR_PATH: names("outputs", "inputs"),
+}
 
 
 @every_effect
@@ -124,9 +139,8 @@ def test_name_follows_the_design(effect: Effect) -> None:
     for station, names in FIXED_NAMES.items():
         if stem in names.split():
             assert station is effect.station
-    channels = {signal.name for vehicle in VEHICLES for signal in (*vehicle.outputs, *vehicle.inputs)}
     if colon:
-        assert suffix in channels if effect.station is Station.SENSOR_PATH else suffix.isdigit()
+        assert suffix in LABELS[effect.station] or (effect.station is Station.DYNAMICS and suffix.isdigit())
     assert not stem.startswith("sensor-") or (effect.station is Station.SENSOR_PATH and colon)
     for item in effect.parameters:
         full = full_name(effect, item.name)
@@ -333,8 +347,10 @@ def test_every_file_of_the_station_folders_is_in_the_library() -> None:
 
 
 def test_every_effect_of_the_library_is_covered() -> None:
-    covered = {case.values[0] for case in CASES}
-    assert covered == {*library()}, "a vehicle is missing from VEHICLES and tests/bases.py"
+    covered = {effect for effect, _ in OFFERED}
+    assert covered >= {*library()}, "a vehicle is missing from tests/offered.py and tests/bases.py"
+    # Of what is made from a declaration one instance of every stem is flown.
+    assert {effect.name.partition(":")[0] for effect in made()} <= {effect.name.partition(":")[0] for effect in covered - {*library()}}
 
 
 @pytest.mark.parametrize("module", effect_modules(), ids=lambda module: module.__name__)
@@ -355,9 +371,11 @@ def test_a_new_file_is_a_new_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_guards_stand_apart_from_the_library() -> None:
-    names = {case.values[0].name for case in GUARDS}  # type: ignore[union-attr]
+    names = {guard.name for guard, _ in OFFERED_GUARDS}
     products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
-    assert names == {f"{GUARD}{label}" for label in (*products, *loads, "drag-drift", "vane-behind")}
+    lateral = ("beta-rudder", "beta-aileron", "beta-p", "beta-r", "rudder-squared", "aileron-squared")
+    labelled = ("damping-curve:p", "damping-curve:r", "drifting-derivatives:yaw", "drifting-derivatives:roll")
+    assert names == {f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "drag-drift", "vane-behind")}
     assert names.isdisjoint(effect_names())
     assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
     assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))

@@ -11,20 +11,17 @@ from sim.declaration.compile import compile_model
 from sim.declaration.effect import NoiseEffect, Regularity, full_name
 from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
 from sim.effects.library import effects_for, guards_for, library
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.loes import Loes
-from sim.vehicles.short_period import ShortPeriod
 from tests.bases import base_for, fly
+from tests.offered import VEHICLES, first_of_each_kind, guards_of_whole_axes, representatives
 
-VEHICLES = (ShortPeriod(), Loes(), Ballistic())
 CONTEXTS = {
     "usual": SearchContext(
         0.0,
         20.0,
         0.02,
-        input_peak={"elevator": 0.08, "stick": 1.2},
-        input_rate={"elevator": 4.0, "stick": 60.0},
-        state_peak={"alpha": 0.1, "q": 0.2, "nz": 1.1, "altitude": 6e4},
+        input_peak={"elevator": 0.08, "stick": 1.2, "aileron": 0.1, "rudder": 0.1, "thrust": 2000.0},
+        input_rate={"elevator": 4.0, "stick": 60.0, "aileron": 5.0, "rudder": 5.0, "thrust": 3e4},
+        state_peak={"alpha": 0.1, "q": 0.2, "nz": 1.1, "altitude": 6e4, "beta": 0.1, "p": 0.4, "r": 0.3, "ny": 0.2, "airspeed": 55.0},
         flown={"alpha": (-0.04, 0.1), "velocity": (-1800.0, -300.0)},
         residual_peaks=(14.0, 3.1),
         airspeed=150.0,
@@ -34,13 +31,11 @@ CONTEXTS = {
 }
 # A tracked fall alone cannot show these: they equal another start or another ballistic coefficient.
 INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude"}
+FLOWN = {"loes": {"alpha": (-0.03, 0.03)}, "lateral": {"beta": (-0.12, 0.1)}, "longitudinal": {"alpha": (-0.06, 0.09)}}
 every_context = pytest.mark.parametrize("context", CONTEXTS.values(), ids=CONTEXTS)
-CASES = [
-    pytest.param(effect, vehicle.name, id=f"{effect.name} on {vehicle.name}")
-    for vehicle in VEHICLES
-    for effect in (*effects_for(vehicle), *guards_for(vehicle))
-    if isinstance(effect, Traceable)
-]
+OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*effects_for(vehicle), *guards_for(vehicle))]
+OFFERED += representatives() + first_of_each_kind(guards_of_whole_axes())
+CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED if isinstance(effect, Traceable)]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)
 
 
@@ -89,7 +84,7 @@ def test_each_signature_is_there(effect: Traceable, base: str) -> None:
     span = float(flight.time[-1] - flight.time[0])
     peaks = {signal.name: float(np.max(np.abs(row))) for signal, row in zip(model.equations.inputs, flight.u, strict=True)}
     rates = {name: 2.0 * peak / 0.02 for name, peak in peaks.items()}
-    flown = {"alpha": (-0.1, 0.15), "velocity": (-1900.0, -900.0)} if base != "loes" else {"alpha": (-0.03, 0.03)}
+    flown = FLOWN.get(base, {"alpha": (-0.1, 0.15), "velocity": (-1900.0, -900.0)})
     context = SearchContext(0.0, span, span / (flight.time.size - 1), input_peak=peaks, input_rate=rates, flown=flown, airspeed=200.0)
     form = fitted_to(effect, context)
     assert isinstance(form, Traceable)

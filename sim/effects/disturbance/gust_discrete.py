@@ -1,20 +1,16 @@
-"""A single vertical gust of one-minus-cosine shape."""
+"""A single gust across the flight path of one-minus-cosine shape."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.maths.elementary import clip, cos, once_for_alike
-
-DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
+from sim.effects.gust_course import PLAUSIBLE, calm_air, gust_parameters, gust_probes, gust_speed
 
 
 @dataclass(frozen=True)
@@ -29,22 +25,22 @@ class GustDiscrete:
     lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its length is V duration/2).
     fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the gust, or over its rise, less what would
         change the peak: gusts that begin with a kink, rise faster than they fall, or are flat on top.
-    speed : the constant that is the declared airspeed. port : ``gust``, w/V from below, or from the right on lateral equations; ``headwind``, w
-        from ahead (`gust-horizontal`).
+    speed : the constant that is the declared airspeed. On lateral equations the air comes from the right, and sideslip takes the place of alpha.
     """
 
     lasting: bool = False
     fine: bool = False
     speed: str = "airspeed"
-    port: str = "gust"
 
+    name: ClassVar[str] = "gust-discrete"
     station: ClassVar[Station] = Station.DISTURBANCE
+    needs: ClassVar[tuple[str, ...]] = ("gust",)
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} comes at {start} and lasts {duration}",),
-        plausible={"peak": (-20.0, 20.0), "duration": (0.1, 20.0)},
+        plausible=PLAUSIBLE,
         lasts="duration",
         onset="start",
         per_record=True,
@@ -58,49 +54,19 @@ class GustDiscrete:
     )
 
     @property
-    def name(self) -> str:
-        return "gust-discrete" if self.port == "gust" else "gust-horizontal"
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return (self.port,)
-
-    @property
     def needs_constants(self) -> tuple[str, ...]:
         return (self.speed,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        shapes = tuple(Parameter(name, 0.3, "m/s", bounds=(-50.0, 50.0)) for name in self._shapes)
-        return (
-            Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
-            Parameter("start", 2.0, "s"),
-            Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
-            *shapes,
-        )
+        return gust_parameters(self.fine)
 
     @property
     def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(("peak", *self._shapes), 0.0))
-
-    @property
-    def _shapes(self) -> tuple[str, ...]:
-        return ("shape1", "shape2", "shape3") if self.fine else ()
+        return calm_air(self.fine)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        end = 0.5 if self.lasting else 1.0
-
-        def course(start: Any, duration: Any) -> Any:
-            return 0.5 * (1.0 - cos(2.0 * math.pi * clip((s.time - start) / duration, 0.0, end)))
-
-        usual = once_for_alike(course, p.start, p.duration)
-        gust = p.peak * usual
-        for k, name in enumerate(self._shapes, start=1):
-            # Less what it has in the middle of a gust that passes: the peak stays the speed there.
-            middle = 0.0 if self.lasting else (0.0, 1.0, 0.0, -1.0)[k]
-            phase = clip((s.time - p.start) / p.duration, 0.0, end)
-            gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
-        return {self.port: gust / getattr(vehicle, self.speed) if self.port == "gust" else gust}
+        return {"gust": gust_speed(s.time, p, self.lasting, self.fine) / getattr(vehicle, self.speed)}
 
     def finer(self) -> GustDiscrete:
         """The same with a freer course."""
@@ -110,13 +76,9 @@ class GustDiscrete:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slope by the peak of a gust at the record's begin, for some durations; a later start only shifts it."""
-        durations = [duration for duration in DURATIONS if 4.0 * context.interval <= duration <= 0.5 * context.duration]
-        return tuple(Probe({**self.absent, "start": context.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)
+        return gust_probes(context, self.fine)
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    GustDiscrete(),
-    GustDiscrete(lasting=True),
-    *(GustDiscrete(lasting, speed="reference_airspeed", port=port) for port in ("gust", "headwind") for lasting in (False, True)),
+VARIANTS: tuple[Traceable, ...] = tuple(
+    GustDiscrete(lasting, speed=speed) for speed in ("airspeed", "reference_airspeed") for lasting in (False, True)
 )

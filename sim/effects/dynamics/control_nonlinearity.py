@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import labelled
+from sim.effects.instances import all_labelled, labelled
 from sim.effects.lateral_controls import LATERAL_CONTROLS, LateralControl
 from sim.maths.splines import combine, natural_shapes, shape_names
 
@@ -34,6 +34,8 @@ class ControlNonlinearity:
         derivative to trade off; with a fixed factor beside f that stays a straight line, which a Gaussian can describe.
     ports : that moment and lift add to. further : ports beside them, each with its derivative by the control. label : of the name, where there
         are several controls.
+    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed`` deflections are totals, and f counts from the
+        ``middle`` of the range.
     """
 
     low: float = -0.1
@@ -49,10 +51,11 @@ class ControlNonlinearity:
     ports: tuple[str, str] = ("moment", "lift")
     further: tuple[tuple[str, str], ...] = ()
     label: str = ""
+    speed: str = "airspeed"
+    middle: float = 0.0
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("actuator-saturation", "input-deadband")
     states: ClassVar[tuple[Signal, ...]] = ()
     explanation: ClassVar[str] = (
         "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
@@ -66,17 +69,25 @@ class ControlNonlinearity:
         return labelled("control-nonlinearity", self.label)
 
     @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("actuator-saturation", "input-deadband"), self.label)
+
+    @property
     def needs(self) -> tuple[str, ...]:
         return (*self.ports, *(port for port, _ in self.further))
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
+        return (*self._derivatives, self.speed)
+
+    @property
+    def _derivatives(self) -> tuple[str, ...]:
         return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         # What the input does not reach must not run away: no shape adds more than the deflection itself.
-        widest = max(abs(self.low), abs(self.high))
+        widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         shapes = tuple(
             Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i)) for i, name in enumerate(shape_names(self.fine))
         )
@@ -88,7 +99,7 @@ class ControlNonlinearity:
 
     @property
     def traits(self) -> Traits:
-        widest = max(abs(self.low), abs(self.high))
+        widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         return Traits(
             sentences=(
                 "the {control} works unequally to both sides, by {unevenness_change} about the mean (unevenness {unevenness})",
@@ -99,8 +110,11 @@ class ControlNonlinearity:
         )
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        more = combine(natural_shapes(self.low, self.high, self.fine), getattr(s, self.control), p[:-1])
-        moment, lift, *others = self.by or [getattr(vehicle, name) for name in self.needs_constants]
+        at, low, high = getattr(s, self.control), self.low, self.high
+        if self.middle:
+            at, low, high = at - self.middle, low - self.middle, high - self.middle
+        more = combine(natural_shapes(low, high, self.fine), at, p[:-1])
+        moment, lift, *others = self.by or [getattr(vehicle, name) for name in self._derivatives]
         added = {self.ports[0]: moment * more, self.ports[1]: p.lift_share * lift * more}
         return {**added, **{port: other * more for (port, _), other in zip(self.further, others, strict=True)}}
 
@@ -113,8 +127,9 @@ class ControlNonlinearity:
         A pseudo-control goes no further than the stick.
         """
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (self.low, self.high)
-        by = tuple(context.values.get(name, 0.0) for name in self.needs_constants)
-        return replace(self, low=low, high=high, by=by if by[0] != 0.0 else ())
+        by = tuple(context.values.get(name, 0.0) for name in self._derivatives)
+        middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
+        return replace(self, low=low, high=high, middle=middle, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> ControlNonlinearity:
         """The same with five finer shapes."""
@@ -136,4 +151,5 @@ VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),
     *map(_lateral, LATERAL_CONTROLS),
+    ControlNonlinearity(label="elevator", speed="reference_airspeed"),
 )

@@ -27,7 +27,7 @@ class ControlUnevenness:
 
     Attributes
     ----------
-    ports, further, label : as of the curved form.
+    ports, further, label, speed, middle : as of the curved form; d counts from the middle.
     width : of the rounded kink. control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether ``lift_share`` is
         estimated: not where the control hardly lifts.
     """
@@ -40,6 +40,8 @@ class ControlUnevenness:
     ports: tuple[str, str] = ("moment", "lift")
     further: tuple[tuple[str, str], ...] = ()
     label: str = ""
+    speed: str = "airspeed"
+    middle: float = 0.0
 
     station: ClassVar[Station] = Station.DYNAMICS
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"unevenness": 0.0})
@@ -68,7 +70,7 @@ class ControlUnevenness:
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
-        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further))
+        return (self.moment_by, self.lift_by, *(derivative for _, derivative in self.further), self.speed)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -77,6 +79,7 @@ class ControlUnevenness:
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
         d = getattr(s, self.control)
+        d = d - self.middle if self.middle else d
         more = p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
         moment, lift = getattr(vehicle, self.moment_by) * more, p.lift_share * getattr(vehicle, self.lift_by) * more
         others = {port: getattr(vehicle, derivative) * more for port, derivative in self.further}
@@ -88,7 +91,8 @@ class ControlUnevenness:
     def fitted_to(self, context: SearchContext) -> ControlUnevenness:
         """The same with a kink as narrow as the deflections of the record ask."""
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
-        return replace(self, width=ROUNDED * max(abs(low), abs(high)) or self.width)
+        middle = 0.0 if self.speed == "airspeed" else 0.5 * (low + high)
+        return replace(self, width=ROUNDED * max(abs(low - middle), abs(high - middle)) or self.width, middle=middle)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """The slope where there is none, lift and moment from one force."""
@@ -104,4 +108,5 @@ VARIANTS: tuple[Traceable, ...] = (
         )
         for c in LATERAL_CONTROLS
     ),
+    ControlUnevenness(label="elevator", speed="reference_airspeed"),
 )

@@ -47,7 +47,8 @@ class ElasticMode:
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of lift, moment, gyro.
     needs_constants : those of the equations it is written for. fastest : rad/s, that the records resolve.
     ports : that it loads, and the names of these parameters. read_as : the angle that drives it, the rate that its gyro adds to, the
-        accelerometer's channel.
+        accelerometer's channel. total : whether control and angle are totals; ``trim``, what they force in steady flight, is then free and
+        taken off, since a record begins without bending, and starts from ``middle``, that of the deflections used.
     """
 
     number: int = 1
@@ -56,10 +57,12 @@ class ElasticMode:
     angle: str = "rad"
     loads: tuple[str, str] = ("1/rad", "1/rad")
     sizes: tuple[float, float, float] = (0.2, -0.3, 0.02)
-    needs_constants: tuple[str, ...] = ("Cm_alpha",)
+    needs_constants: tuple[str, ...] = ("Cm_alpha", "airspeed")
     fastest: float = 400.0
     ports: tuple[str, str] = ("lift", "moment")
     read_as: tuple[str, str, str] = ("alpha_air", "q", "nz")
+    total: bool = False
+    middle: float = 0.0
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
@@ -112,6 +115,7 @@ class ElasticMode:
             Parameter(self.ports[1], moment, self.loads[1]),
             Parameter("angle_gain", 0.0, f"{self.angle}/rad"),
             Parameter("gyro", gyro, f"rad/{self.angle}"),
+            *((Parameter("trim", self.middle, self.angle),) if self.total else ()),
         )
         if not self.fine:
             return base
@@ -140,6 +144,8 @@ class ElasticMode:
         eta, rate = self._bending(s)
         angle, rate_read, _ = self.read_as
         force = getattr(s, self.control) + p.angle_gain * getattr(s, angle) - eta
+        if self.total:
+            force = force - p.trim
         if self.fine:
             force = force + p.pitch_gain * getattr(s, rate_read)
         return rate, p.frequency * (p.frequency * force - 2.0 * p.damping * rate)
@@ -155,8 +161,9 @@ class ElasticMode:
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """The mode kept to frequencies that the records resolve."""
-        return replace(self, fastest=_resolved(context))
+        """The mode kept to frequencies that the records resolve, and where deflections are totals about the middle of them."""
+        low, high = (context.flown_range(self.control) if self.total else None) or (self.middle, self.middle)
+        return replace(self, fastest=_resolved(context), middle=0.5 * (low + high))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""
@@ -182,4 +189,5 @@ VARIANTS: tuple[Traceable, ...] = (
     ElasticMode(
         control="rudder", sizes=(0.05, -0.02, 0.01), needs_constants=("Cn_dr",), ports=("side_force", "yaw"), read_as=("beta_air", "r", "ny")
     ),
+    ElasticMode(needs_constants=("Cm_alpha", "reference_airspeed"), total=True),
 )

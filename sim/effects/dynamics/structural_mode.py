@@ -41,7 +41,7 @@ class StructuralMode:
 
     station: ClassVar[Station] = Station.DYNAMICS
     needs: ClassVar[tuple[str, ...]] = ("lift", "moment")
-    needs_constants: ClassVar[tuple[str, ...]] = ("chord",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("chord", "airspeed")
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"CL_eta": 0.0, "CL_etadot": 0.0, "Cm_eta": 0.0, "Cm_etadot": 0.0})
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ()

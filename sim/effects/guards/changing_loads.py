@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import labelled
+from sim.effects.instances import all_labelled, labelled
 from sim.effects.loads import LOADS, load_parameters
 from sim.maths.elementary import absolute
 
@@ -97,7 +97,6 @@ class DriftingDerivatives:
     station: ClassVar[Station] = Station.DYNAMICS
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"stability": 0.0, "control": 0.0, "slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    aliases: ClassVar[tuple[str, ...]] = ("speed-variation", "derivative-jump")
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         per_record=True,
@@ -111,6 +110,10 @@ class DriftingDerivatives:
     @property
     def name(self) -> str:
         return labelled("guard:drifting-derivatives", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return ("speed-variation", *all_labelled(("derivative-jump",), self.label))
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -145,8 +148,8 @@ GUARDS: tuple[Traceable, ...] = (
     DampingCurve("q", ("1/rad", "1/rad"), (0.3, 5.0), ("M_delta",)),
     DriftingDerivatives("elevator", ("1/(rad s)", "1/(rad s)", "1/(rad s)"), (0.02, 0.02, 0.05), ("Cm_de",)),
     DriftingDerivatives("delta", ("1/s3", "1/s3", "1/s2"), (0.1, 0.02, 0.02), ("M_delta",)),
-    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("yaw", "roll"), "p"),
-    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cn_dr",), ("roll", "yaw"), "r"),
+    DampingCurve("p_hat", ("1/rad2", "1/rad2"), (-0.5, -3.0), ("Cn_dr",), ("yaw", "roll"), "p"),
+    DampingCurve("r_hat", ("1/rad2", "1/rad2"), (1.0, -3.0), ("Cn_dr",), ("roll", "yaw"), "r"),
     DriftingDerivatives("rudder", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "yaw"), "beta_air", "yaw"),
     DriftingDerivatives("aileron", _PER_SECOND, (0.002, 0.002, 0.01), ("Cn_dr",), 0.0, ("side_force", "roll"), "beta_air", "roll"),
 )

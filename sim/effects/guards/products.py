@@ -83,11 +83,20 @@ class ProductLoads:
 _CONTROL = ("control-nonlinearity",)
 GUARDS: tuple[Traceable, ...] = (
     ProductLoads("alpha-control", "alpha_air", "elevator", ("1/rad2", "1/rad2"), (5.0, 5.0), ("Cm_de",)),
-    ProductLoads("control-squared", "elevator", "elevator", ("1/rad2", "1/rad2"), (3.0, 3.0), ("Cm_de",), _CONTROL),
+    ProductLoads("control-squared", "elevator", "elevator", ("1/rad2", "1/rad2"), (3.0, 3.0), ("Cm_de", "airspeed"), _CONTROL),
     ProductLoads("alpha-q", "alpha_air", "q_hat", ("1/rad2", "1/rad2"), (100.0, 100.0), ("Cm_de",)),
     ProductLoads("alpha-control", "alpha_air", "delta", ("1/s", "1/s2"), (1.0, 10.0), ("M_delta",)),
     ProductLoads("control-squared", "delta", "delta", ("1/s", "1/s2"), (0.02, 0.1), ("M_delta",), _CONTROL),
     ProductLoads("alpha-q", "alpha_air", "q", ("1/rad", "1/(rad s)"), (5.0, 20.0), ("M_delta",)),
+    ProductLoads(
+        "control-squared",
+        "elevator",
+        "elevator",
+        ("1/rad2", "1/rad2"),
+        (3.0, 3.0),
+        ("Cm_de", "reference_airspeed"),
+        ("control-nonlinearity:elevator",),
+    ),
     *(
         ProductLoads(name, first, second, ("1/rad2", "1/rad2"), (1.0, 1.0), ("Cn_dr",), within, ports)
         for name, first, second, within, ports in (

@@ -15,31 +15,46 @@ from sim.declaration.traits import Traits
 
 @dataclass(frozen=True)
 class VaneBehind:
-    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative.
+    """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of sideslip beta_m = beta - (arm/V) r.
 
     The library has no vane there, and an accelerometer as far ahead explains every record alike. It is put beside that one alone: where its
     derivatives lie nearer to the declared ones, the accelerometer is not what is wrong.
+
+    Attributes
+    ----------
+    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's share. accelerometer : the channel of the
+        one that reads alike.
     """
 
+    channel: str = "alpha"
+    rate: str = "q"
+    sign: float = 1.0
+    accelerometer: str = "nz"
+
     name: ClassVar[str] = "guard:vane-behind"
-    channel: ClassVar[str] = "alpha"
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    aliases: ClassVar[tuple[str, ...]] = ("accelerometer-offset:nz",)
-    traits: ClassVar[Traits] = Traits(guard=True, twins=("accelerometer-offset:nz",), equivalents=("accelerometer-offset:nz",))
     explanation: ClassVar[str] = (
         "A generic term: the angle of attack is read too early, alpha_m = alpha + (arm/V) q, as a vane behind the centre of gravity or a correction "
         "for a nose boom that is not there would do it. An accelerometer ahead of the centre of gravity gives the same record under other "
         "derivatives. Where the declared derivatives speak for this reading, no cause of the library is named."
     )
 
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"accelerometer-offset:{self.accelerometer}",)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(guard=True, twins=self.aliases, equivalents=self.aliases)
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {"alpha": y["alpha"] + p.arm / s.V * s.q}
+        return {self.channel: y[self.channel] + self.sign * p.arm / s.V * getattr(s, self.rate)}
 
 
-GUARDS: tuple[Traceable, ...] = (VaneBehind(),)
+GUARDS: tuple[Traceable, ...] = (VaneBehind(), VaneBehind("beta", "r", -1.0, "ny"))

@@ -35,7 +35,7 @@ def test_lateral_modes() -> None:
 
 
 # Roots printed by Etkin and Reid for the Boeing 747 (tables 6.2 and 6.7), whose constants have three to four digits.
-PRINTED = {
+PRINTED: dict[str, dict[str, complex | float]] = {
     "boeing747_lateral": {
         "dutch_roll": complex(-0.033011, 0.94655),
         "roll_time_constant": 1.0 / 0.56248,

@@ -1,0 +1,59 @@
+"""A single gust of one-minus-cosine shape, from whatever side it comes: its speed over time, its parameters and where a search begins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from sim.declaration.parameters import Parameter
+from sim.declaration.proposal import Probe, SearchContext
+from sim.maths.elementary import clip, cos, once_for_alike
+
+SHAPES = ("shape1", "shape2", "shape3")
+PLAUSIBLE: Mapping[str, tuple[float, float]] = MappingProxyType({"peak": (-20.0, 20.0), "duration": (0.1, 20.0)})
+DURATIONS = (0.25, 0.5, 1.0, 2.0, 4.0)  # s, gusts that a search tries
+
+
+def gust_parameters(fine: bool) -> tuple[Parameter, ...]:
+    """``peak`` and three shapes where ``fine``, m/s; ``start`` and ``duration``, s."""
+    shapes = tuple(Parameter(name, 0.3, "m/s", bounds=(-50.0, 50.0)) for name in (SHAPES if fine else ()))
+    return (
+        Parameter("peak", 3.0, "m/s", bounds=(-50.0, 50.0)),
+        Parameter("start", 2.0, "s"),
+        Parameter("duration", 1.0, "s", bounds=(0.05, 60.0)),
+        *shapes,
+    )
+
+
+def calm_air(fine: bool) -> Mapping[str, float]:
+    """Values at which there is no gust."""
+    return MappingProxyType(dict.fromkeys(("peak", *(SHAPES if fine else ())), 0.0))
+
+
+def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
+    """w(t) = (peak/2) (1 - cos(2 pi (t - start)/duration)), m/s, zero outside the gust; with ``lasting`` the first half, and then the peak.
+
+    With ``fine`` + the sum of ``shape1`` ... ``shape3`` times sin(k pi x), x from 0 to 1 over the gust, or over its rise, less what would change
+    the peak. ``time`` in s; ``p`` has the parameters of ``gust_parameters``.
+    """
+    end = 0.5 if lasting else 1.0
+
+    def course(start: Any, duration: Any) -> Any:
+        return 0.5 * (1.0 - cos(2.0 * math.pi * clip((time - start) / duration, 0.0, end)))
+
+    usual = once_for_alike(course, p.start, p.duration)
+    gust = p.peak * usual
+    for k, name in enumerate(SHAPES if fine else (), start=1):
+        # Less what it has in the middle of a gust that passes: the peak stays the speed there.
+        middle = 0.0 if lasting else (0.0, 1.0, 0.0, -1.0)[k]
+        phase = clip((time - p.start) / p.duration, 0.0, end)
+        gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
+    return gust
+
+
+def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
+    """Slope by the peak of a gust at the record's begin, for some durations; a later start only shifts it."""
+    durations = [duration for duration in DURATIONS if 4.0 * context.interval <= duration <= 0.5 * context.duration]
+    return tuple(Probe({**calm_air(fine), "start": context.begin, "duration": duration}, ("peak",), shifts=True) for duration in durations)

@@ -1,0 +1,94 @@
+"""Laws of what the library offers to each kind of equations: names that are one effect's alone, and nothing left out."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import fields
+from itertools import combinations
+
+import pytest
+
+from sim.declaration.effect import Effect, Station
+from sim.declaration.model import Containing, Equations
+from sim.declaration.proposal import Traceable
+from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.control_unevenness import ControlUnevenness
+from sim.effects.library import effects_for, guards_for
+from sim.vehicles.ballistic import Ballistic
+from tests.offered import ALL_VEHICLES, WHOLE_AXES, stem
+
+ON_INPUTS = {
+    *("actuator-lag", "actuator-rate-limit", "actuator-saturation", "actuator-second-order"),
+    *("input-backlash", "input-deadband", "input-delay", "input-recorded-late"),
+}
+BESIDE_A_LAG = {"actuator-rate-limit", "actuator-saturation", "input-backlash", "input-deadband"}
+ON_OUTPUTS = {f"sensor-{what}" for what in ("curve", "delay", "drift", "hold", "lag", "scale", "spikes", "step")}
+FORMS = ("lasting", "weight")  # what the forms of one effect may differ in; a freer form comes from ``finer``
+every_vehicle = pytest.mark.parametrize("vehicle", ALL_VEHICLES, ids=lambda vehicle: vehicle.name)
+
+
+def are_forms_of_one(one: Effect, other: Effect) -> bool:
+    """Whether two effects of one name are the same cause: lasting or not, or a control that is uneven or curved."""
+    if {type(one), type(other)} == {ControlNonlinearity, ControlUnevenness}:
+        return all(getattr(one, name) == getattr(other, name) for name in ("control", "ports", "moment_by", "lift_by"))
+    differing = [field.name for field in fields(one) if getattr(one, field.name) != getattr(other, field.name)]  # type: ignore[arg-type]
+    return type(one) is type(other) and len(differing) == 1 and differing[0] in FORMS
+
+
+@every_vehicle
+def test_a_name_is_one_effect_alone(vehicle: Equations) -> None:
+    by_name: dict[str, list[Effect]] = defaultdict(list)
+    for effect in (*effects_for(vehicle), *guards_for(vehicle)):
+        by_name[effect.name].append(effect)
+    assert [name for name, same in by_name.items() if not all(are_forms_of_one(*pair) for pair in combinations(same, 2))] == []
+
+
+@every_vehicle
+def test_every_input_has_its_instances(vehicle: Equations) -> None:
+    offered, several = effects_for(vehicle), len(vehicle.inputs) > 1
+    for signal in vehicle.inputs:
+        on_path = [effect for effect in offered if effect.station is Station.INPUT_PATH and getattr(effect, "signal", "") == signal.name]
+        # A lag and a delay are parts of the low-order equivalent, and what is like them would be one of its parameters.
+        stems = BESIDE_A_LAG if isinstance(vehicle, Containing) else ON_INPUTS
+        assert sorted(effect.name for effect in on_path) == sorted(f"{name}:{signal.name}" if several else name for name in stems)
+        assert f"sensor-spikes:{signal.name}" in {effect.name for effect in offered}
+        for effect in on_path:
+            units = {item.unit for item in effect.parameters} - {"s", "1", "rad/s", "1/s"}
+            assert signal.unit in ("rad", "1") or units <= {signal.unit, f"{signal.unit}/s"}
+
+
+@every_vehicle
+def test_every_output_has_its_instances(vehicle: Equations) -> None:
+    names = [effect.name for effect in effects_for(vehicle)]
+    # A body that is only tracked falls on a curve that a bent reading cannot be told from.
+    stems = ON_OUTPUTS - ({"sensor-curve"} if isinstance(vehicle, Ballistic) else set())
+    for signal in vehicle.outputs:
+        assert all(names.count(f"{each}:{signal.name}") == 1 for each in stems)
+    assert ("vane-offset" in names) == any(signal.name in ("alpha", "beta") for signal in vehicle.outputs)
+    for channel in ("nz", "ny", "nx"):
+        assert (f"accelerometer-offset:{channel}" in names) == any(signal.name == channel for signal in vehicle.outputs)
+
+
+@every_vehicle
+def test_every_port_has_its_effects(vehicle: Equations) -> None:
+    offered = [effect for effect in effects_for(vehicle) if effect.station in (Station.DYNAMICS, Station.DISTURBANCE)]
+    for port in vehicle.ports if vehicle in WHOLE_AXES else ():  # of the others some ports are recorded inputs
+        assert any(port.name in getattr(effect, "needs", ()) for effect in offered), f"nothing acts on {port.name}"
+    loads = {port.name for port in vehicle.ports} & {"lift", "moment", "drag", "side_force", "roll", "yaw"}
+    told = {port for effect in offered if stem(effect) == "unmeasured-input" for port in getattr(effect, "needs", ())}
+    assert told == loads
+    curves = {port for effect in offered if stem(effect).endswith("-nonlinearity") for port in getattr(effect, "needs", ())}
+    assert curves == loads
+
+
+@every_vehicle
+def test_effects_speak_of_each_other_by_the_names_that_are_offered(vehicle: Equations) -> None:
+    offered = [effect for effect in (*effects_for(vehicle), *guards_for(vehicle)) if isinstance(effect, Traceable)]
+    names, labelled = {effect.name for effect in offered}, {stem(effect) for effect in offered if ":" in effect.name}
+    for effect in offered:
+        t = effect.traits
+        for other in (*effect.aliases, *t.twins, *t.equivalents, *t.rarer_than, *t.never_beside, *t.within):
+            # One that is not offered at all is of other equations; one whose label is missing would never be found.
+            assert other in names or other not in labelled, f"{effect.name} speaks of {other}"
+            if ":" in effect.name and ":" in other and stem(effect) in ON_INPUTS and other in names:
+                assert other.partition(":")[2] == effect.name.partition(":")[2]

@@ -1,0 +1,60 @@
+"""What the library offers to each kind of equations, and the few instances that stand for the rest where laws are dear."""
+
+from __future__ import annotations
+
+from sim.declaration.effect import Effect, Station
+from sim.declaration.model import Equations
+from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.library import effects_for, guards_for, library
+from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.lateral import Lateral
+from sim.vehicles.loes import Loes
+from sim.vehicles.longitudinal import Longitudinal
+from sim.vehicles.short_period import ShortPeriod
+
+# Every instance on these is held to every law; on the whole axes those of ``representatives``.
+VEHICLES: tuple[Equations, ...] = (ShortPeriod(), Loes(), Ballistic())
+WHOLE_AXES: tuple[Equations, ...] = (Lateral(), Longitudinal())
+ALL_VEHICLES = (*VEHICLES, *WHOLE_AXES)
+
+
+def stem(effect: Effect) -> str:
+    """The name without its label."""
+    return effect.name.partition(":")[0]
+
+
+def representatives() -> list[tuple[Effect, str]]:
+    """Effects on whole axes with the name of these: all of the library that nothing else can carry, and one instance of every stem.
+
+    What acts on a port is different on each of the axes and has one instance on both; inputs and sensors are alike everywhere.
+    """
+    covered = {effect for vehicle in VEHICLES for effect in effects_for(vehicle)}
+    files, seen, found = {*library()}, set[tuple[str, str]](), list[tuple[Effect, str]]()
+    for vehicle in WHOLE_AXES:
+        for effect in effects_for(vehicle):
+            on_ports = effect.station in (Station.DYNAMICS, Station.DISTURBANCE)
+            key = (stem(effect), vehicle.name if on_ports else "")
+            if isinstance(effect, StructuralMode) or (key in seen and (effect in covered or effect not in files)):
+                continue
+            covered.add(effect)
+            seen.add(key)
+            found.append((effect, vehicle.name))
+    return found
+
+
+def made() -> list[Effect]:
+    """Every instance that is offered to a whole axis and that none of the ``VARIANTS`` is, each once."""
+    files = {*library()}
+    return list(dict.fromkeys(effect for vehicle in WHOLE_AXES for effect in effects_for(vehicle) if effect not in files))
+
+
+def guards_of_whole_axes() -> list[tuple[Effect, str]]:
+    """Guards that only a whole axis can carry, with its name."""
+    known = {guard for vehicle in VEHICLES for guard in guards_for(vehicle)}
+    return [(guard, vehicle.name) for vehicle in WHOLE_AXES for guard in guards_for(vehicle) if guard not in known]
+
+
+def first_of_each_kind(offered: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:
+    """Those of which none before is of the same class on the same equations."""
+    kinds = [(type(effect), base) for effect, base in offered]
+    return [each for i, each in enumerate(offered) if kinds[i] not in kinds[:i]]
