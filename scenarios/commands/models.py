@@ -45,7 +45,7 @@ def show_models(name: str | None) -> None:
     text = getattr(own.model.equations, "explanation", "")
     print(f"{own.model.name}: the model of {own.identity.name}\n" + (f"\n{text}\n" if text else ""))
     held, free = ([(item.name, f"{item.value:g} {item.unit}") for item in items if item.free is wanted] for wanted in (False, True))
-    _print_equations(own.model.equations, held, free)
+    _print_equations(own.model.equations, held, free, own.model)
     print()
     print_checks(own.model)
 
@@ -73,10 +73,13 @@ def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str
     return found.get(name, rigid)
 
 
-def _print_equations(equations: Equations, constants: Iterable[tuple[str, str]], parameters: Iterable[tuple[str, str]]) -> None:
+def _print_equations(
+    equations: Equations, constants: Iterable[tuple[str, str]], parameters: Iterable[tuple[str, str]], own: Model | None = None
+) -> None:
+    from scenarios.diagnosis.candidates import can_act
     from sim.effects.library import effects_for
 
-    effects = effects_for(equations)
+    effects = effects_for(equations) if own is None else can_act(effects_for(equations), own)
     _print_block("states", _signals(equations.states))
     _print_block("inputs", _signals(equations.inputs))
     _print_block("outputs", _signals(equations.outputs))
@@ -118,8 +121,8 @@ def print_checks(model: Model) -> None:
         raise ModelError(f"complex steps differ from differences by {apart:.1g}", where=f"model {model.name}", remedy=_ELEMENTARY)
     motion, found = excited(model)
     units = {signal.name: signal.unit for signal in model.equations.inputs}
-    flown = " and ".join(f"{name} {size:g} {units[name]}" for name, size in motion.amplitudes.items()) or "none"
-    cut = ", cut short where it runs away" if motion.ran_away else ""
+    flown = " and ".join(f"{name} {size:.3g} {units[name]}" for name, size in motion.amplitudes.items()) or "none"
+    cut = ", cut short where it leaves all measure" if motion.ran_away else ""
     print(f"\nexample: doublets of {motion.pulse:.3g} s to each side on {flown}, {motion.end:.3g} s{cut}; noise 1 % of each output's largest move")
     for one in found:
         if one.sigma < float("inf"):

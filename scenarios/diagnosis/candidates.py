@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
+
+from scenarios.files.own_models import is_own
 from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import Source, read_source
-from sim.declaration.effect import Signal
+from scenarios.preparation.vehicle_model import inputs_at_rest
+from sim.declaration.compile import compile_model
+from sim.declaration.effect import Effect, Signal
 from sim.declaration.model import Containing, Model
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, ModelError
+
+Act = TypeVar("Act", bound=Effect)
 
 _ATTRIBUTES = ("name", "station", "parameters", "absent", "regularity", "aliases", "explanation", "probes")
 _FORMERLY = ("onset", "per_record", "plausible")  # stood with the effect itself before ``traits`` did
@@ -25,8 +32,29 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
     equations = model.equations
     taken = {effect.name for effect in model.effects} | {*(equations.contains if isinstance(equations, Containing) else ())}
     recorded = {signal.name for signal in equations.inputs}
-    found = (effect for effect in effects_for(equations) if effect.name not in taken and isinstance(effect, Traceable))
+    offered = can_act(effects_for(equations), model)
+    found = (effect for effect in offered if effect.name not in taken and isinstance(effect, Traceable))
     return (*(effect for effect in found if effect.traits.recorded_as not in recorded), *own)
+
+
+def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
+    """Those effects that find the signals they take: an own model may have a channel's name without what the library's models form beside it."""
+    return tuple(effect for effect in effects if not is_own(model) or _acts(effect, model))
+
+
+def _acts(effect: Effect, model: Model) -> bool:
+    try:
+        system = compile_model(model.with_effects(effect))
+        x, u, p = system.initial.values().tolist(), inputs_at_rest(model), system.parameters.values().tolist()
+        with np.errstate(all="ignore"):
+            system.f(0.0, x, u, p)
+            system.h(0.0, x, u, p)
+            system.noise(p)
+    except (AttributeError, KeyError, ModelError):
+        return False
+    except ArithmeticError:
+        return True  # no value at rest is no lack of a signal
+    return True
 
 
 def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import NORMAL
-from scenarios.diagnosis.candidates import candidates_for, read_effects
+from scenarios.diagnosis.candidates import can_act, candidates_for, read_effects
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
@@ -138,7 +138,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     candidates = candidates_for(posed.model, own)
     overflows = Overflows()
     run = overflows.counted(trace or _loop())
-    guards = guards_for(posed.model.equations)
+    guards = can_act(guards_for(posed.model.equations), posed.model)
     with _witness(opened, posed, request.plan) as witness:
         diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
         part = moves_between_samples(diagnosis, candidates, posed.records)

@@ -10,14 +10,16 @@ from scenarios.preparation.vehicle_model import inputs_at_rest, root_sizes
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.system import System
-from sim.maths.elementary import COMPLEX_STEP
+from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
 
-ANGLE = 0.05  # rad, of a doublet on an angle; one unit on any other input
+ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
+MODEST = 0.02  # of a state's value at the start, by which a pulse may move it: a tank must not run dry
 PULSE = 1.5  # over a root's size: half the doublet's length
 BETWEEN = 8.0  # pulses from one doublet to the next
 FINE = 20.0  # steps in a pulse, and within the quickest root's time
 MOST = 4000  # steps
 FAR = 1e6  # growth beyond which a motion has run away
+STEEPEST = 1e20  # of a slope by any unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ def doublet_motion(model: Model) -> Motion:
     step = min(pulse, PULSE / float(np.max(sizes)) if len(sizes) else pulse) / FINE
     end = BETWEEN * pulse * max(1, len(system.inputs)) + 2.0 * pulse
     count = min(int(np.ceil(end / step)), MOST)
-    amplitudes = {signal.name: ANGLE if signal.unit == "rad" else 1.0 for signal in system.inputs}
+    amplitudes = _amplitudes(system, rest, pulse)
 
     def inputs(t: float) -> list[float]:
         along = [(t - (1.0 + BETWEEN * i) * pulse) / pulse for i in range(len(rest))]
@@ -64,7 +66,8 @@ def doublet_motion(model: Model) -> Motion:
             t = k * step
             u = inputs(t + 0.5 * step)
             read = np.array([np.broadcast_to(row, (unknown,)) for row in system.h(t, list(x), u, p)])
-            if not (np.all(np.isfinite(read)) and np.max(np.abs(x.real)) < largest):
+            # The root of a negative number is imaginary as no slope is.
+            if not (np.all(np.isfinite(read)) and np.max(np.abs(x.real)) < largest and np.max(np.abs(x.imag)) < STEEPEST * COMPLEX_STEP):
                 break
             outputs.append(read)
             x = _advanced(system, t, x, u, p, step)
@@ -80,6 +83,17 @@ def doublet_motion(model: Model) -> Motion:
     wide = tuple(np.hstack([slopes[:, i], np.tile(constant[i], (len(along), 1))]) for i in range(len(system.outputs)))
     moves = tuple(float(np.max(np.abs(values[:, i] - values[0, i]), initial=0.0)) if len(values) else 0.0 for i in range(len(system.outputs)))
     return Motion(pulse, amplitudes, step * len(along), names, wide, moves, len(along) < count)
+
+
+def _amplitudes(system: System, rest: list[float], pulse: float) -> dict[str, float]:
+    """Doublets that move no state far from where it starts, by input."""
+    x, p = system.initial.values(), system.parameters.values().tolist()
+    gains = np.abs(complex_step_jacobian(lambda u: system.f(0.0, x.tolist(), u, p), rest)) if rest else np.zeros((len(x), 0))
+    out = {}
+    for i, signal in enumerate(system.inputs):
+        limits = [MODEST * abs(value) / (gain * pulse) for value, gain in zip(x, gains[:, i], strict=True) if value and gain > 0.0]
+        out[signal.name] = min([ANGLE if signal.unit == "rad" else 1.0, *limits])
+    return out
 
 
 def _stepped(value: float, column: int, count: int) -> np.ndarray:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
@@ -13,6 +14,7 @@ from sim.declaration.effect import Signal
 from sim.errors import FlightidError, ModelError
 from sim.maths.elementary import plus
 
+HERE = Path(__file__).parent
 Answer = Callable[[Any, Any], Mapping[str, Any]]
 
 
@@ -110,5 +112,5 @@ def place(model: str, what: str, function: Answer, error: BaseException) -> str:
     """``model roll, rates (my_model.py, line 12)``: the line of the user's file through which the error came last."""
     files = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
     own = getattr(getattr(function, "__code__", None), "co_filename", None)
-    lines = [(file, line) for file, line in files if file == own] or [(file, line) for file, line in files if file != __file__]
+    lines = [(file, line) for file, line in files if file == own] or [(file, line) for file, line in files if Path(file).parent != HERE]
     return f"model {model}, {what}" + (f" ({lines[-1][0]}, line {lines[-1][1]})" if lines else "")

@@ -10,6 +10,8 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.declaration.own_equations import Answer, OwnEquations
@@ -92,10 +94,11 @@ def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, f
     """The model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
-    equations = replace(equations, formed_names=try_model(equations, starts))
-    refuse_misnamed(equations, starts)
-    if all_biases:
-        equations = replace(equations, biased_outputs=biases_told(equations, starts))
+    with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
+        equations = replace(equations, formed_names=try_model(equations, starts))
+        refuse_misnamed(equations, starts)
+        if all_biases:
+            equations = replace(equations, biased_outputs=biases_told(equations, starts))
     begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]
     return Model(equations, numbers, ParameterSet(tuple(begun)))
 

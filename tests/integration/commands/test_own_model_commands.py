@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 from scenarios.commands.libraries import COLUMNS
+from scenarios.diagnosis.candidates import can_act
 from scenarios.files.own_models import read_own_model
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_record
 from sim.declaration.effect import Effect
 from sim.declaration.model import Model
-from sim.effects.library import effects_for
+from sim.effects.library import effects_for, guards_for
 from sim.maneuvers.steps import alternating
 from sim.truth.flight import fly, sample_times
 from sim.truth.measurement import Measurement
+from tests.bases import RIGID_VALUES
 from tests.integration.command_line import CommandLine
-from tests.own_models import ROLL, ROLL_AND_YAW, SPRING, model_file
+from tests.own_models import ROLL, ROLL_AND_YAW, SPRING, model_file, own_rigid
 
 TRUE = {"k": 40.0, "c": 1.5}
 NOISE = {"x": 0.002, "acceleration": 0.05}
@@ -105,6 +107,17 @@ def test_of_two_inputs_the_late_one_is_named(flightid: CommandLine, tmp_path: Pa
     assert claim["name"] == "input-delay:rudder" and abs(claim["parameters"]["delay"]["value"] - 0.12) < 3.0 * claim["parameters"]["delay"]["std"]
     after = content["parameters"]["after"]
     assert all(abs(after[name]["value"] - flown.parameters[name].value) < 4.0 * after[name]["std"] for name in shares)
+
+
+def test_only_what_finds_its_signals_is_offered(tmp_path: Path) -> None:
+    model = read_own_model(model_file(tmp_path, ROLL_AND_YAW)).model
+    offered = guards_for(model.equations)
+    able = can_act(offered, model)
+    assert {guard.name for guard in able} <= {guard.name for guard in offered}
+    # A vane behind the centre of gravity divides by the airspeed, which this model has not.
+    assert not [guard.name for guard in able if guard.name == "guard:vane-behind"]
+    rigid = own_rigid(RIGID_VALUES)
+    assert {"sensor-delay:q", "input-delay"} <= {effect.name for effect in can_act(effects_for(rigid.equations), rigid)}
 
 
 def test_nothing_is_found_where_nothing_is_missing(flightid: CommandLine, tmp_path: Path) -> None:
