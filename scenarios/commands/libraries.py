@@ -41,8 +41,6 @@ def show_effects(name: str | None) -> None:
             effect = find_effect(each)
             start = f"{each:{width}}  {effect.station.value:11}  "
             print(start + textwrap.shorten(_first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."))
-        print("\nOther models have them on inputs, channels and loads of their own:")
-        print("input-delay:rudder, sensor-lag:beta, unmeasured-input:yaw and so on.")
         return
     effect = _effect_of_any_model(name)
     print(f"{effect.name}  ({effect.station.value})\n")
