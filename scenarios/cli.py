@@ -37,7 +37,9 @@ Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
 Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
 Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
-Model = Annotated[str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible, loes, lateral or longitudinal.")]
+Model = Annotated[
+    str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible, loes, lateral, longitudinal, or FILE.py with a model of your own.")
+]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
 VehicleBeside = Annotated[
     Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
@@ -93,7 +95,9 @@ def simulate(
 def identify(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
     model: Model,
-    vehicle: Annotated[Path, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")],
+    vehicle: Annotated[
+        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; a model of your own has them itself.")
+    ] = None,
     channels: Channels = None,
     start: From = None,
     stop: To = None,
@@ -203,6 +207,16 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="O
     from scenarios.commands.libraries import show_effects
 
     show_effects(name)
+
+
+@app.command()
+def models(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="One model, or a file with one of your own, which is run.")] = None,
+) -> None:
+    """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
+    from scenarios.commands.models import show_models
+
+    show_models(name)
 
 
 @app.command()

@@ -29,13 +29,15 @@ MODAL_UNITS: Mapping[str, str] = MappingProxyType(
 
 
 def slowest_oscillation(system: System, p: np.ndarray, held: Collection[str] = ()) -> tuple[float, float] | None:
-    """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest; None if all roots are real.
+    """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest; None if all roots are real, or there is no rest.
 
     For a short-period model this is the short period, also when elastic modes are present. ``held``: names of states that do not move,
     those of motion slower than what is asked for (a phugoid: its speed and attitude).
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
+    if not np.all(np.isfinite(F)):  # a model of totals may have no rest
+        return None
     moving = [i for i, state in enumerate(system.states) if state.name not in held]
     roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
     if not roots:

@@ -83,12 +83,14 @@ class Expectations:
     airspeed : m/s. gravity : m/s2.
     control_power : rad/s2 per unit of the control, the pitch acceleration that the first input makes, with its sign.
     angular_control : the first input is an angle, so that ``control_power`` tells radians from degrees.
+    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties them together.
     """
 
     airspeed: float | None = None
     gravity: float = 9.80665
     control_power: float | None = None
     angular_control: bool = False
+    aircraft: bool = True
 
 
 def shown(value: float, unit: str) -> str:

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.estimate import Outcome
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.own_models import channel_units
 from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
 from scenarios.identification.identify import FILTERS, METHODS, identify, uses_attitude
@@ -38,9 +40,8 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    assert request.vehicle is not None
     vehicle = read_vehicle(request.vehicle, request.model)
-    choices = column_choices(request)
+    choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     file = read_record_file(request.records[0])
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = request.model == "loes" and method == "ekf"
@@ -88,9 +89,15 @@ def identification_content(found: Identification, file: InputFile) -> dict[str, 
         "warnings": [*found.doubts, *found.cautions, *([found.reading.sentence] if found.reading else []), *found.look.set_aside],
         "notes": list(found.notes),
         "record": record_content(found.look),
-        "inputs": {"records": [file.name], "sha256": [file.sha256]},
+        "inputs": {"records": [file.name], "sha256": [file.sha256], **_model_file(found)},
         "versions": versions(),
     }
+
+
+def _model_file(found: Identification) -> dict[str, str]:
+    """Name and hash of a user's own model file."""
+    file = found.vehicle.own_file
+    return {"model": file.name, "model_sha256": file.sha256} if file is not None else {}
 
 
 def _write(found: Identification, measured: Sequence[Record], file: RecordFile, out: Path, figures: bool) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import Source, read_source
 from sim.declaration.effect import Signal
 from sim.declaration.model import Containing, Model
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
-from sim.errors import DeclarationError, FlightidError
+from sim.errors import DeclarationError
 
 _ATTRIBUTES = ("name", "station", "parameters", "absent", "regularity", "aliases", "explanation", "probes")
 _FORMERLY = ("onset", "per_record", "plausible")  # stood with the effect itself before ``traits`` did
@@ -43,9 +41,9 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
     """
     from sim.effects.library import applies, library
 
-    source = source if isinstance(source, Source) else read_source(source, DeclarationError, "a Python file")
+    source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
-    module = _run(source)
+    module = run_python(source, "effects")
     effects = getattr(module, "EFFECTS", getattr(module, "VARIANTS", None))
     if not isinstance(effects, tuple | list) or not effects:
         raise DeclarationError("it offers no effect", where=where, remedy="define EFFECTS, a tuple of effects, at its top level")
@@ -89,39 +87,6 @@ def _check(effect: Any, where: str) -> None:
 def _former_traits(effect: Any) -> Traits:
     sentences = (str(effect.sentence),) if hasattr(effect, "sentence") else ()
     return Traits(sentences, plausible=effect.plausible, onset=effect.onset, per_record=bool(effect.per_record))
-
-
-def _run(source: Source) -> ModuleType:
-    path, where = source.path, str(source.path)
-    if path.suffix != ".py":
-        raise DeclarationError("this is no Python file", where=where, remedy="name a file that ends in .py")
-    name = f"flightid_effects_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their own module up
-    try:
-        exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)  # these bytes were hashed
-    except FlightidError as error:
-        raise DeclarationError(str(error), where=f"{where}{_line(error, path)}", remedy="mend that place") from None
-    except Exception as error:  # the file is a user's, and anything may be wrong with it
-        line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else _line(error, path)
-        text = error.msg if isinstance(error, SyntaxError) else str(error)
-        what = " ".join(f"{type(error).__name__}: {text}".split())
-        raise DeclarationError(what, where=f"{where}{line}", remedy="mend that line") from None
-    finally:
-        sys.modules.pop(name, None)
-    return module
-
-
-def _line(error: BaseException, path: Path) -> str:
-    """The line of the user's file that the error came through last."""
-    found, trace = "", error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            found = f", line {trace.tb_lineno}"
-        trace = trace.tb_next
-    return found
 
 
 def _listed(signals: Sequence[Signal]) -> str:

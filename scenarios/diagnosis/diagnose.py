@@ -15,14 +15,16 @@ from scenarios.diagnosis.input_reading import better, left_open, moves_between_s
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
-from scenarios.files.channel_names import STICK
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK
 from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.own_models import channel_units, is_model_file
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.preparation.request import Request, column_choices
+from scenarios.preparation.vehicle_model import moves_about_rest, outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -38,12 +40,16 @@ KINEMATIC = ("rigid", "flexible")  # models of records that are checked without 
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was held out, ``effects`` where none was named."""
+    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was held out, ``effects`` where none was named.
+
+    ``model`` is the file of a user's own model, None where it is built in.
+    """
 
     records: tuple[InputFile, ...]
     validation: tuple[InputFile, ...]
     vehicle: InputFile
     effects: tuple[InputFile, ...] = ()
+    model: InputFile | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +133,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     progress("reading", 0.0)
     opened = _open(request, vehicle_path)
     posed = _posed(opened, request.plan)
+    settings = replace(settings, max_step=step_for(posed.model, posed.records, settings.max_step))
     own, of_effects = _own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
     overflows = Overflows()
@@ -144,6 +151,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
                 posed = replace(posed, notes=(*posed.notes, *left_open(again, diagnosis)))
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
+    if not moves_about_rest(posed.model):
+        diagnosis = replace(diagnosis, derived_before={}, derived_after={})
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,
@@ -151,7 +160,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.model,
         posed.records,
         posed.predicted,
-        Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects),
+        Inputs(posed.fitted, posed.validation, opened.vehicle.identity, of_effects, opened.vehicle.own_file),
         posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: effect.traits for effect in reversed(candidates)},
@@ -175,10 +184,10 @@ def _loop() -> Trace:
     return diagnose
 
 
-def _open(request: Request, vehicle: Path) -> _Opened:
+def _open(request: Request, vehicle: Path | None) -> _Opened:
     """Vehicle, channel map and records, in this order; a fault of the first is told first."""
     declared = read_vehicle(vehicle, request.model)
-    choices = column_choices(request)
+    choices = column_choices(request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS)
     return _Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate))
 
 
@@ -255,15 +264,16 @@ def _label(unit: str) -> str:
 
 
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:
-    """Every measured output gets a bias, but an altitude: there it is the same as another ballistic coefficient."""
+    """The measured outputs whose sensors have a free bias."""
     measured = {name for record in records for name in record.output_names}
-    return [signal.name for signal in model.equations.outputs if signal.name in measured and signal.name != "altitude"]
+    return outputs_with_bias(model, [signal.name for signal in model.equations.outputs if signal.name in measured])
 
 
-def _vehicle_path(request: Request) -> Path:
+def _vehicle_path(request: Request) -> Path | None:
+    """The vehicle file, None where an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_beside(first)
-    if chosen is None:
+    if chosen is None and not is_model_file(request.model):
         what = f"the {request.model} model needs constants and starting values"
         raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {first.name}")
     return chosen

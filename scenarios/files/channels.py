@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,16 +23,19 @@ class ColumnChoice:
     unit: str | None = None
 
 
-def read_channel_map(path: str | Path) -> dict[str, ColumnChoice]:
+def read_channel_map(path: str | Path, known: Iterable[str] = CHANNEL_UNITS) -> dict[str, ColumnChoice]:
     """Channel name -> column, from a TOML file with lines such as ``alpha = {column = "AoA1", unit = "deg"}`` or ``alpha = "AoA1"``.
+
+    ``known``: all channels that there are.
 
     Raises
     ------
     DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the wrong kind.
     """
-    from scenarios.files.channels_schema import ChannelMap
+    from scenarios.files.channels_schema import channel_map
     from scenarios.files.declarations import checked, read_toml
 
-    chosen = checked(ChannelMap, read_toml(path), path)
-    entries = {name: getattr(chosen, name) for name in CHANNEL_UNITS}
+    schema = channel_map(tuple(known))
+    chosen = checked(schema, read_toml(path), path)
+    entries = {field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()}
     return {name: ColumnChoice(entry.column, entry.unit) for name, entry in entries.items() if entry is not None}

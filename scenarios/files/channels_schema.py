@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
-
-from scenarios.files.channel_names import CHANNEL_UNITS
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -31,4 +30,11 @@ def _table(value: object) -> object:
 
 _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
-ChannelMap = create_model("ChannelMap", __config__=STRICT, **{name: (_Entry, None) for name in CHANNEL_UNITS})  # type: ignore[call-overload]
+
+def channel_map(known: Sequence[str]) -> type[BaseModel]:
+    """The schema of a map of these channels; a name that pydantic needs for itself, which an own model may use, stands behind an alias."""
+    fields: dict[str, Any] = {}
+    for place, name in enumerate(known):
+        taken = hasattr(BaseModel, name) or name.startswith("model_")
+        fields[f"channel_{place}" if taken else name] = (_Entry, Field(None, alias=name) if taken else None)
+    return create_model("ChannelMap", __config__=STRICT, **fields)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.measured.record_file import RecordFile, read_record_file
@@ -28,6 +28,7 @@ def read_record(
     optional: Sequence[str] = (),
     hold: Hold | None = None,
     instead: Mapping[str, str] | None = None,
+    known: Mapping[str, str] = CHANNEL_UNITS,
 ) -> Record:
     """The channels of a model from a file of any of our formats.
 
@@ -42,7 +43,7 @@ def read_record(
         number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
     instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
-
+    known : all channels that there are, and their units inside.
     SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
     for are never looked at. Row numbers in messages are the file's: the header of a CSV file is row 1, the
     first sample of a Parquet or MAT file is row 1.
@@ -58,9 +59,9 @@ def read_record(
     table = file.table
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
     wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
-    columns = _columns(file, wanted, further, channel_map)
+    columns = _columns(file, wanted, further, channel_map, known)
     substitutes = [other for name, other in (instead or {}).items() if columns.get(name, ...) is None and other not in columns]
-    columns |= _columns(file, substitutes, set(), channel_map)
+    columns |= _columns(file, substitutes, set(), channel_map, known)
     wanted += substitutes
     for name in (TIME, *model_inputs):
         if columns[name] is None:
@@ -80,13 +81,15 @@ def read_record(
     )
 
 
-def _columns(file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None) -> dict[str, Column | None]:
+def _columns(
+    file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str]
+) -> dict[str, Column | None]:
     """Channel -> its column, None where there is none; one of ``further`` counts as absent where only a header of another meaning recalls it."""
     header = file.table.header
     return {
         name: None
         if name in further and named_otherwise(name, header, channel_map)
-        else find_column(name, header, file.table.file, channel_map, file.sidecar.units)
+        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known)
         for name in names
     }
 
@@ -158,10 +161,9 @@ def _channel(table: Table, column: Column, rows: slice, *, is_input: bool) -> Ch
     if is_input and gaps.size:
         where = _cell(table, column, rows.start + int(gaps[0]))
         raise RecordError("an input sample is missing", where=where, remedy="fill the gap, or cut the record there with --from and --to")
-    if column.channel == STICK:
+    if not column.inside:
         return Channel.of(column.channel, column.unit, values)
-    unit = CHANNEL_UNITS[column.channel]
-    return Channel.of(column.channel, unit, np.asarray(to_si(values, column.unit, unit, place)))
+    return Channel.of(column.channel, column.inside, np.asarray(to_si(values, column.unit, column.inside, place)))
 
 
 def _empty(table: Table, column: Column, rows: slice) -> bool:

@@ -74,7 +74,7 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
     ----------
     value : the number as the file has it.
     unit : its unit as the file has it; ``""`` means that it is in ``target`` already.
-    target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor.
+    target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or the unit that an own model declares.
     where : file and column or key, for the message.
     error : what to raise.
 
@@ -99,6 +99,12 @@ def to_si(value: Number, unit: str, target: str, where: str, error: type[Flighti
     return _converted(value, unit, text, target, target, where, error)
 
 
+def is_unit(unit: str) -> bool:
+    """Whether a unit is known, so that others are converted into it; any other is a label that all must share."""
+    text = normal_form(unit)
+    return text == LOAD_FACTOR or _si_size(text) is not None or _parsed(_registry(), text) is not None
+
+
 def normal_form(unit: str) -> str:
     """A unit as products and powers of names: ``"kg m^2"`` and ``"kg-m2"`` are ``"kg*m**2"``."""
     text = unit.strip().translate(str.maketrans("·²³−⁻¹", "*23--1")).replace("^", "**")
@@ -110,21 +116,22 @@ def normal_form(unit: str) -> str:
 
 
 def _converted(value: Number, unit: str, text: str, target: str, shown: str, where: str, error: type[FlightidError]) -> Number:
-    kind, examples = QUANTITIES[shown]
+    kind, examples = QUANTITIES.get(shown, (f"what is declared in {shown!r}", f"it in {shown}, or leave the unit out"))
     wrong = error(f"unit {unit!r} does not measure {kind}", where=where, remedy=f"write {examples}")
     size, due = _si_size(text), _si_size(normal_form(target))
-    assert due is not None, target
-    if size is not None:
-        if size[:3] == due[:3] and (size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg)):
-            return value * _DEGREE**size.deg if size.deg else value
+    if size is not None and due is not None:
+        if size[:3] == due[:3] and (size.rad == due.rad or (0 in (size.rad, due.rad) and not size.deg and not due.deg)):
+            return value * _DEGREE ** (size.deg - due.deg) if size.deg != due.deg else value
         raise wrong
     if re.search(r"hz|hertz", text, re.IGNORECASE):
         if target == "rad/s" and text.lower() in ("hz", "hertz"):
             return value * (2.0 * math.pi)
         raise wrong
     units = _registry()
-    goal = units.parse_units(normal_form(target))
-    parsed = _parsed(units, _pounds(text, target))
+    goal, parsed = _parsed(units, normal_form(target)), _parsed(units, _pounds(text, target))
+    if goal is None:
+        remedy = f"leave the unit out: the numbers are taken in {target}, which has no conversion here"
+        raise error(f"unit {unit!r} is not the declared {target!r}", where=where, remedy=remedy)
     if parsed is None:
         raise error(f"unknown unit {unit!r}", where=where, remedy=f"write {examples}")
     if parsed.dimensionality != goal.dimensionality or _angle_power(parsed) != _angle_power(goal):

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import checked, read_toml_source, toml_of
+from scenarios.files.own_models import OwnModel, is_model_file, own_numbers, read_own_model
 from scenarios.files.sources import InputFile, Source
+from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
@@ -41,6 +43,7 @@ class VehicleFile:
         starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and
         the couplings ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file that was read, None where the values come from elsewhere.
+    own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
     """
 
     name: str
@@ -49,6 +52,8 @@ class VehicleFile:
     derivatives: Mapping[str, float]
     modes: tuple[tuple[int, dict[str, float]], ...] = field(default=())
     identity: InputFile | None = field(default=None, compare=False)
+    own: Model | None = field(default=None, compare=False)
+    own_file: InputFile | None = field(default=None, compare=False)
 
 
 def vehicle_beside(record: Path) -> Path | None:
@@ -58,15 +63,31 @@ def vehicle_beside(record: Path) -> Path | None:
 
 
 def refuse_unknown_model(model: str, where: str) -> None:
-    """Raise DeclarationError where there is no such model."""
-    if model not in MODELS:
-        raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}")
+    """Raise DeclarationError where there is no such model; whether a user's file declares one is for its reader to say."""
+    if model not in MODELS and not is_model_file(model):
+        raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own")
 
 
-def read_vehicle(path: str | Path, model: str) -> VehicleFile:
-    """A vehicle file for one of ``MODELS``, as ``vehicle_of``. Raises DeclarationError, also where there is no such file."""
+def read_vehicle(path: str | Path | None, model: str) -> VehicleFile:
+    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's model file, which alone can do without (None).
+
+    Raises DeclarationError, also where there is no such file.
+    """
     refuse_unknown_model(model, str(path))
+    if is_model_file(model):
+        own = read_own_model(model, MODELS)
+        return own_vehicle(own, None if path is None else read_toml_source(path))
+    if path is None:
+        what = f"the {model} model needs constants and starting values"
+        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside the record")
     return vehicle_of(read_toml_source(path), model)
+
+
+def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
+    """A user's own model with the numbers of a vehicle file, or with its own where there is none."""
+    name, model = own_numbers(own, source) if source is not None else (own.model.name, own.model)
+    constants, starts = ({item.name: item.value for item in model.parameters if item.free is free} for free in (False, True))
+    return VehicleFile(name, model.name, constants, starts, (), own.identity if source is None else source.identity, model, own.identity)
 
 
 def read_any_vehicle(path: str | Path) -> VehicleFile:

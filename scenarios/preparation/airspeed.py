@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from scenarios.files.own_models import is_own
 from scenarios.preparation.plan import DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
@@ -36,9 +37,9 @@ class Flow:
 
 
 def able(model: Model) -> tuple[str, ...]:
-    """Which of ``MEASURED`` the model's equations can use."""
+    """Which of ``MEASURED`` the model's equations can use; none that a user's own does not declare itself."""
     ports = {port.name for port in model.equations.ports}
-    if not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
+    if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
         return ()
     return MEASURED if DENSITY in ports else MEASURED[:1]
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.spikes.detection import input_spikes
+from scenarios.files.own_models import is_own
 from scenarios.preparation.airspeed import BEGINNING, held
 from scenarios.preparation.plan import ATTITUDE, SPEED
 from sim.declaration.effect import Signal
@@ -27,7 +28,7 @@ FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motio
 def wants_attitude(model: Model) -> bool:
     """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not recorded."""
     recorded = {signal.name for signal in model.equations.inputs}
-    return applies(Phugoid(), model.equations) and SPEED not in recorded
+    return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:

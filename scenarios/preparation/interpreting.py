@@ -11,6 +11,7 @@ from ident.statistics.coloured_covariance import effective_share
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
+from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Hold, Record
@@ -82,8 +83,9 @@ def linear_by(records: Sequence[Record], model: Model, read: Callable[[Model, li
 
 def _fit(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> Fit | None:
     model, records = reading
-    biased = model.with_biases([name for name in outputs if name != "altitude"])
-    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), SETTINGS, local=local)))
+    biased = model.with_biases(outputs_with_bias(model, outputs))
+    settings = replace(SETTINGS, max_step=step_for(model, records, SETTINGS.max_step))
+    return fit_whole_records(FitProblem(lay_out(records, compile_model(biased, list(outputs)), settings, local=local)))
 
 
 def _outputs(records: Sequence[Record], model: Model) -> list[str]:

@@ -1,4 +1,4 @@
-"""Load factors from accelerometers along the body's axes (specific force, m/s2; x ahead, y to the right, z down): nz = -az/g0, ny = ay/g0, nx = ax/g0."""
+"""Load factors from accelerometers: nz = -az/g0, ny = ay/g0, nx = ax/g0, of the specific force along body axes (m/s2; x ahead, y right, z down)."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.own_models import channel_units, is_own
 from scenarios.preparation.airspeed import Flow, able, flow_doubts, flow_sentence, measured_flow, with_flow
 from scenarios.preparation.attitude import wants_attitude, with_attitude
 from scenarios.preparation.filtering import filtered
@@ -50,9 +51,9 @@ class Prepared:
     look: RawLook = NOTHING_SEEN
 
 
-def prepared(record: Record, plan: Plan) -> tuple[Record, tuple[str, ...]]:
-    """What needs no model: load factors from accelerometers, then the plan's common filter. Sentences on what was done; a record that needs nothing comes back itself."""
-    record, of_accelerometers = with_load_factors(record)
+def prepared(record: Record, plan: Plan, *, own: bool = False) -> tuple[Record, tuple[str, ...]]:
+    """What needs no model: load factors from accelerometers, then the plan's common filter; sentences on both. A sound record comes back itself."""
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -89,12 +90,13 @@ def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, va
     """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
-    first, known = [with_load_factors(record)[0] for record, _ in fitted], all(stated for _, stated in read)
+    own, known = is_own(model), all(stated for _, stated in read)
+    first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
     hold, weight, notes = _readings(first, model, plan, known=known)
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
-        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan)
+        one, sentences = prepared(record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold), plan, own=own)
         records.append(one)
         told += sentences
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond all measure are for the fit to refuse
@@ -139,7 +141,8 @@ def _read(
     from scenarios.files.records import read_record
 
     inputs, outputs = ([signal.name for signal in some] for some in (model.equations.inputs, model.equations.outputs))
-    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead_of(outputs))
+    instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
+    record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead, known=units)
     # Named by their files: a sidecar's name may be the same for all of them.
     return replace(record, name=named(file.path, segment, several=several)), file.sidecar.says_hold
 

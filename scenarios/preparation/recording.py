@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.recording.finding import Certainty, Expectations, Finding, Kind
 from ident.recording.inspection import inspect
+from scenarios.files.own_models import is_own
 from scenarios.preparation.plan import Plan
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -64,6 +65,8 @@ NOTHING_SEEN = RawLook()
 
 def expectations_of(model: Model) -> Expectations:
     """What a declared model lets one expect of its record: airspeed, gravity, and the pitch acceleration that its first input makes."""
+    if is_own(model):
+        return Expectations(aircraft=False)
     p = model.parameters
     speed = next((p[name].value for name in ("airspeed", "reference_airspeed") if name in p), None)
     gravity = p["gravity"].value if "gravity" in p else G0

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.plan import Plan
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
@@ -20,8 +21,8 @@ class Request:
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files; empty where none is asked for.
-    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file; empty where none is asked for.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
     validate : files that are predicted, whole. effects : a user's Python file; it is run.
     channels : a channel map, for all records.
     effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
@@ -38,8 +39,8 @@ class Request:
     effort: str = "normal"
 
 
-def column_choices(request: Request) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, read now; None where it names none. Raises DeclarationError."""
+def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:
+    """The channel map that a request names, of the channels ``known``, read now; None where it names none. Raises DeclarationError."""
     from scenarios.files.channels import read_channel_map
 
-    return read_channel_map(request.channels) if request.channels is not None else None
+    return read_channel_map(request.channels, known) if request.channels is not None else None

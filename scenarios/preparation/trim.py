@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from scenarios.files.own_models import is_own
 from sim.declaration.model import Model
 from sim.record import Channel, Record
 
@@ -17,8 +18,8 @@ STILL = 0.3  # of a channel's scatter over the record, by which it may change wh
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations are of totals, not of perturbations about a trim: they know the airspeed, so inputs count from their own zero."""
-    return any(state.name == "airspeed" for state in model.equations.states)
+    """Whether the equations are of totals, not of perturbations about a trim: a user's own, and those that know the airspeed."""
+    return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:

@@ -59,7 +59,16 @@ def _line(heads: Sequence[str], widths: Sequence[int], cells: Sequence[str], lef
 
 
 def _cell(text: str, size: int) -> list[str]:
-    return [text] if len(text) <= size else textwrap.wrap(text, size, break_on_hyphens=False, break_long_words=False)
+    if len(text) <= size:
+        return [text]
+    parts = " ".join(_parts(word, size) for word in text.split(" "))
+    return textwrap.wrap(parts, size, break_on_hyphens=False, break_long_words=False)
+
+
+def _parts(word: str, size: int) -> str:
+    """A name too long for its column, parted behind the last colon or hyphen that it has room for."""
+    at = max(word.rfind(mark, 0, size) for mark in ":-")
+    return word if len(word) <= size or at < 0 else f"{word[: at + 1]} {_parts(word[at + 1 :], size)}"
 
 
 def _folded(heads: Sequence[str], widths: Sequence[int], width: int) -> list[int]:

@@ -47,6 +47,14 @@ class Containing(Protocol):
     def contains(self) -> tuple[str, ...]: ...
 
 
+@runtime_checkable
+class Biased(Protocol):
+    """Equations that say which outputs have sensors with a free constant bias."""
+
+    @property
+    def biased_outputs(self) -> tuple[str, ...]: ...
+
+
 @dataclass(frozen=True)
 class Noise:
     """What is random in a model.

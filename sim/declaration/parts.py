@@ -93,7 +93,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         tuple(states),
         slices,
         {effect.name: _gather(model, effect) for effect in model.effects},
-        _gather_named(model.parameters, equations.parameter_names, f"{equations.name}_parameters"),
+        _gather_named(model.parameters, equations.parameter_names, "vehicle_parameters"),
         {name: model.parameters.index(f"bias_{name}") for name in model.biases},
     )
 

@@ -53,7 +53,8 @@ def measured_of(parts: Parts) -> Measured:
 
     def measured(s: SimpleNamespace, vehicle: Any, p: Rows) -> dict[str, Any]:
         if rates:
-            s.__dict__.update(zip(rates, equations.derivatives(s, vehicle), strict=True))
+            for name, rate in zip(rates, equations.derivatives(s, vehicle), strict=True):
+                s.__dict__.setdefault(name, rate)  # an own model may have a state of that name
         y = dict(zip(base_outputs, equations.measurements(s, vehicle), strict=True))
         for effect in readings:
             y.update(effect.read(s, y, vehicle, own[effect.name](p)))

@@ -18,6 +18,7 @@ from sim.maths.elementary import trailing
 from sim.record import Hold
 
 CELL = 0.001
+MOST_CELLS = 500  # of a sub-step: one of more than half a second is of a motion that takes minutes
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def drive_from_means(rows: list[np.ndarray], begin: list[np.ndarray], end: list[
 
 
 def cell_edges(grid: Grid) -> np.ndarray:
-    """Boundaries of the cells that input-path effects act on, s: ``CELL`` or less, sub-steps met exactly.
+    """Boundaries of the cells that input-path effects act on, s: ``CELL`` or less where sub-steps are short, these met exactly.
 
     One further sub-step after the last sample carries the feed-through there.
     """
@@ -120,7 +121,7 @@ def drive_from_cells(system: System, p: Any, cells: list[Any], edges: np.ndarray
 
 
 def _cells_per_step(grid: Grid) -> int:
-    return max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6))
+    return min(max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6)), MOST_CELLS)
 
 
 def _by_step(row: Any, grid: Grid) -> np.ndarray:

@@ -34,7 +34,8 @@ class Longitudinal:
 
     States: ``airspeed`` (m/s), ``alpha``, ``theta`` (rad), ``q`` (rad/s). Inputs: ``elevator`` (rad), ``thrust`` (N). Outputs: ``airspeed``,
     ``alpha`` (vane at the centre of gravity), ``theta``, ``q``, ``nz`` (g, up), ``nx`` (g, forward). Ports: ``gust`` is an upward gust over the
-    airspeed (rad), ``headwind`` (m/s) one from ahead: loads, vane and pitot tube feel them, not the states. ``drag``, ``lift`` and ``moment``
+    airspeed (rad), ``headwind`` (m/s) one from ahead: coefficients, vane and pitot tube feel them, not the states, and lift and drag keep their
+    directions. ``drag``, ``lift`` and ``moment``
     add to CD, CL and Cm.
     """
 
@@ -74,11 +75,11 @@ class Longitudinal:
         }
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
-        weightless_lift = s.pressure_area * _lift(s, p) + s.thrust * sin(s.alpha_air)
+        weightless_lift = s.pressure_area * _lift(s, p) + s.thrust * sin(s.alpha)
         path = s.alpha - s.theta
         moment = plus(p.Cm_0 + p.Cm_V * s.V_ratio + p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator, s.moment)
         return (
-            (s.thrust * cos(s.alpha_air) - s.pressure_area * _drag(s, p)) / p.mass + G0 * sin(path),
+            (s.thrust * cos(s.alpha) - s.pressure_area * _drag(s, p)) / p.mass + G0 * sin(path),
             s.q - weightless_lift / (p.mass * s.airspeed) + G0 / s.airspeed * cos(path),
             s.q,
             (s.pressure_area * p.chord * moment + s.thrust * p.thrust_arm) / p.pitch_inertia,
@@ -86,7 +87,7 @@ class Longitudinal:
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
         lift, drag, weight = _lift(s, p), _drag(s, p), p.mass * G0
-        cosine, sine = cos(s.alpha_air), sin(s.alpha_air)
+        cosine, sine = cos(s.alpha), sin(s.alpha)
         nz = s.pressure_area * (lift * cosine + drag * sine) / weight
         nx = (s.thrust + s.pressure_area * (lift * sine - drag * cosine)) / weight
         return s.V, s.alpha_air, s.theta, s.q, nz, nx

@@ -14,7 +14,7 @@ from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.probabilities import shown_probability
 from scenarios.diagnosis.report.text import derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
-from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.own_models import channel_units
 from scenarios.files.versions import versions
 from scenarios.preparation.record_words import record_content
 
@@ -29,6 +29,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     derived_before, derived_after = derived_of(d)
+    units = channel_units(tracing.model)
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "created": created,
@@ -46,7 +47,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "error": {
             "held_out": d.held_out,
             "used_to_choose": d.used_to_choose,
-            "unit": {name: CHANNEL_UNITS[name] for name in d.error_before.rmse if name in CHANNEL_UNITS},
+            "unit": {name: units[name] for name in d.error_before.rmse if name in units},
             "before": _errors(d.error_before),
             "after": _errors(d.error_after),
             "noise_floor": _finite_only(d.noise_floor),
@@ -179,5 +180,7 @@ def _inputs(tracing: Tracing) -> dict[str, Any]:
     }
     if inputs.effects:
         out |= {"effects": inputs.effects[0].name, "effects_sha256": inputs.effects[0].sha256}
+    if inputs.model is not None:
+        out |= {"model": inputs.model.name, "model_sha256": inputs.model.sha256}
     out |= {"held_out": [record.name for record in tracing.validation]}
     return out | ({"held_out_from": tracing.held_out_from} if tracing.held_out_from is not None else {})

@@ -14,6 +14,7 @@ from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.files.own_models import is_own
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
@@ -144,7 +145,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
     """What is left in one channel: size, colour, frequency, when, and what it goes with."""
     value, unit = (left.rms * 180.0 / math.pi, DEGREES[left.unit]) if left.unit in DEGREES else (left.rms, left.unit)
     parts = [
-        f"left in the {_spoken(left.channel)}: rms {value:.3g} {unit}, neighbouring samples correlated by {left.correlation:.2f}",
+        f"left in the {_spoken(left.channel, tracing)}: rms {value:.3g} {unit}, neighbouring samples correlated by {left.correlation:.2f}",
         f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
     ]
     if left.times > EVEN:
@@ -156,7 +157,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
         return "; ".join([*parts, "goes with no input and no channel, nor their rates, squares and products"])
     company = left.company
     control = next(iter(tracing.records[0].input_names), "input")
-    what = FORMS[company.form].format(f"the {_spoken(company.name)}", control=control)
+    what = FORMS[company.form].format(f"the {_spoken(company.name, tracing)}", control=control)
     later = f", {abs(company.later):.2g} s {'later' if company.later > 0 else 'earlier'}" if abs(company.later) > 1e-9 else ""
     return "; ".join([*parts, f"goes with {what} (correlation {company.correlation:+.2f}{later})"])
 
@@ -171,8 +172,8 @@ def scatter_text(d: Diagnosis, name: str) -> str:
     return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
 
 
-def _spoken(name: str) -> str:
-    return CHANNELS.get(name, name.replace("_", " "))
+def _spoken(name: str, tracing: Tracing) -> str:
+    return name if is_own(tracing.model) else CHANNELS.get(name, name.replace("_", " "))
 
 
 def _unit(quantity: Quantity) -> str:

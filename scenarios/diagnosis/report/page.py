@@ -19,6 +19,7 @@ from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
+from scenarios.files.own_models import channel_units
 from scenarios.preparation.record_words import record_rows
 from sim.declaration.traits import GUARD
 
@@ -65,7 +66,7 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         recorded=record_rows(tracing.look),
         where=text.where_predicted(tracing),
         nothing_stands=nothing_stands(d),
-        errors=shown_rows(d, ("", *text.ERROR_HEADINGS), text.error_rows(d)),
+        errors=shown_rows(d, ("", *text.ERROR_HEADINGS), text.error_rows(d, channel_units(tracing.model))),
         error_headings=shown_columns(d, text.ERROR_HEADINGS)[1:],
         kinematics=_kinematics(tracing),
         replicated=[_replicated(claim) for claim in d.effects if claim.evidence is not None],

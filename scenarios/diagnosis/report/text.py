@@ -16,6 +16,7 @@ from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.own_models import channel_units, is_own
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
 from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
@@ -32,7 +33,9 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _shown_of(d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *ERROR_HEADINGS), error_rows(d), width),
+        _shown_of(
+            d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *ERROR_HEADINGS), error_rows(d, channel_units(tracing.model)), width
+        ),
         _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
@@ -57,7 +60,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs, {} if is_own(tracing.model) else CHANNELS)
 
 
 def subject(tracing: Tracing) -> str:
@@ -122,12 +125,12 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
 
 
-def error_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[tuple[str, ...]]:
     """Channel, unit, error before and after, noise floor; angles and their rates in degrees."""
     rows: list[tuple[str, ...]] = []
     for channel, before in d.error_before.rmse.items():
         after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
-        factor, unit = _shown(channel)
+        factor, unit = _shown(channel, units)
         rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
     return rows
 
@@ -243,11 +246,12 @@ def _error_phrase(tracing: Tracing) -> str:
     if not channels:
         return ""
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
-    factor, unit = _shown(fell)
+    factor, unit = _shown(fell, channel_units(tracing.model))
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
     tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
-    return f"{CHANNELS.get(fell, fell).replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
+    word = fell if is_own(tracing.model) else CHANNELS.get(fell, fell)
+    return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
 
 def _most_moved(d: Diagnosis) -> str:
@@ -256,9 +260,9 @@ def _most_moved(d: Diagnosis) -> str:
     return name if name and moves[name] > MOVED else ""
 
 
-def _shown(channel: str) -> tuple[float, str]:
+def _shown(channel: str, units: Mapping[str, str]) -> tuple[float, str]:
     """What turns a channel's numbers into those that people read, and their unit."""
-    unit = CHANNEL_UNITS.get(channel, "")
+    unit = units.get(channel, "")
     return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 

@@ -18,13 +18,14 @@ _TIMES = ("time", "start", "begin", "duration")
 class Wording:
     """What the sentences need to know of the study: the name of the control, the stick's unit where there is one, and the traits of the effects
     that were candidates, by name; those of all others stand with the library's. ``controls``: all inputs, of which the part of an effect's
-    name behind the colon says on which it acts.
+    name behind the colon says on which it acts. ``channels`` in words, those that have some.
     """
 
     control: str = "elevator"
     stick_unit: str = ""
     candidates: Mapping[str, Traits] = field(default_factory=lambda: MappingProxyType({}))
     controls: tuple[str, ...] = ()
+    channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
 
     def traits(self, name: str) -> Traits:
         """What is known of an effect, or of its first instance (``elastic-mode`` for ``elastic-mode#2``): a candidate's, else the library's."""
@@ -65,7 +66,7 @@ def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
     fields = _fields(claim, wording)
     control = wording.control_of(claim.name)
     sticks = "does nothing" if control == "stick" else "sticks"
-    fields |= {"control": control, "sticks": sticks, "channel": CHANNELS.get(channel, channel)}
+    fields |= {"control": control, "sticks": sticks, "channel": wording.channels.get(channel, channel)}
     for template in templates:
         try:
             return template.format_map(fields)

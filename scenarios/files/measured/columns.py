@@ -25,12 +25,14 @@ class Column:
     header : the cell in the file.
     index : position in the table.
     unit : unit of the column's numbers; for the stick a label.
+    inside : the unit that they are converted to, empty where the unit is a label.
     """
 
     channel: str
     header: str
     index: int
     unit: str
+    inside: str
 
 
 def split_header(cell: str) -> tuple[str, str | None]:
@@ -50,32 +52,38 @@ def suffix_unit(cell: str, channel: str) -> str | None:
 
 
 def find_column(
-    channel: str, header: Sequence[str], file: str, choices: Mapping[str, ColumnChoice] | None = None, units: Mapping[str, str] | None = None
+    channel: str,
+    header: Sequence[str],
+    file: str,
+    choices: Mapping[str, ColumnChoice] | None = None,
+    units: Mapping[str, str] | None = None,
+    known: Mapping[str, str] = CHANNEL_UNITS,
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
     A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
-    ``units`` (the sidecar's) hold for headers without a unit.
+    ``units`` (the sidecar's) hold for headers without a unit. ``known``: all channels that there are, and their units inside; a header that
+    is another channel's name is that channel's alone.
 
     Raises
     ------
     RecordError : two columns for the channel, a mapped column that is absent, an unknown unit or one of the wrong dimension.
     """
-    if channel not in CHANNEL_UNITS:
-        raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, CHANNEL_UNITS))
-    default = (units or {}).get(channel, CHANNEL_UNITS[channel])
+    if channel not in known:
+        raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
+    default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
-        return _mapped(channel, choices[channel], header, file, default)
+        return _mapped(channel, choices[channel], header, file, default, inside)
     named, suffixed = [], []
     for index, cell in enumerate(header):
         name, unit = split_header(cell)
         if name == channel:
-            named.append(Column(channel, cell, index, default if unit is None else unit or default))
-        elif (word := suffix_unit(cell, channel)) is not None:
-            suffixed.append(Column(channel, cell, index, word))
+            named.append(Column(channel, cell, index, default if unit is None else unit or default, inside))
+        elif name not in known and (word := suffix_unit(cell, channel)) is not None:
+            suffixed.append(Column(channel, cell, index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    found = (named or suffixed) if channel == STICK else named + readable  # any word is a label of the stick
+    found = named + readable if inside else named or suffixed  # any word is a label
     if len(found) > 1:
         both = " and ".join(repr(column.header) for column in found)
         raise RecordError(f"columns {both} are all {channel}", where=file, remedy="leave one of them, or choose with --channels")
@@ -88,12 +96,17 @@ def find_column(
     return chosen[0]
 
 
+def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
+    """The unit that a channel is converted to; empty for a stick without one, whose unit is a label."""
+    return "" if channel == STICK and known[channel] == "1" else known[channel]
+
+
 def named_otherwise(channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None) -> bool:
     """Whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last words are no unit of it."""
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
     words = [(cell, word) for cell in header if (word := suffix_unit(cell, channel)) is not None]
-    return all(_unit_fault(Column(channel, cell, 0, word), "") is not None for cell, word in words)
+    return all(_unit_fault(Column(channel, cell, 0, word, inside_unit(channel)), "") is not None for cell, word in words)
 
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
@@ -109,7 +122,7 @@ def column_place(file: str, column: Column) -> str:
     return f"{file}, column {column.header!r}"
 
 
-def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str) -> Column:
+def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str) -> Column:
     found = [index for index, cell in enumerate(header) if cell == choice.column]
     found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
     if not found:
@@ -120,7 +133,7 @@ def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str
         raise RecordError(f"{len(found)} columns are headed {choice.column!r}", where=f"{file}, header", remedy="rename all but one of them")
     cell = header[found[0]]
     unit = choice.unit if choice.unit is not None else split_header(cell)[1]
-    column = Column(channel, cell, found[0], unit or default)
+    column = Column(channel, cell, found[0], unit or default, inside)
     fault = _unit_fault(column, file)
     if fault is not None:
         raise fault
@@ -128,10 +141,10 @@ def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str
 
 
 def _unit_fault(column: Column, file: str) -> RecordError | None:
-    if column.channel == STICK:
+    if not column.inside:
         return None
     try:
-        to_si(1.0, column.unit, CHANNEL_UNITS[column.channel], column_place(file, column))
+        to_si(1.0, column.unit, column.inside, column_place(file, column))
     except RecordError as fault:
         return fault
     return None

@@ -18,6 +18,7 @@ from sim.maths.splines import Shapes, combine, natural_shapes, shape_names
 
 SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
 SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65  # K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
+HIGH, MOST = 11000.0, 1.0  # m, from where the air is coldest; of the logarithm of the drag
 SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 
@@ -55,7 +56,9 @@ class DragMach:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(name, 0.2 / (1.0 + i), "1") for i, name in enumerate(shape_names(self.fine, flat=False)))
+        # What the fall hardly tells, high up where there is no air, must not run away: no shape changes the drag more than threefold.
+        shapes = enumerate(shape_names(self.fine, flat=False))
+        return tuple(Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes)
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -76,20 +79,18 @@ class DragMach:
         return natural_shapes(low, high, self.fine, low, False)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        temperature = maximum(SEA_LEVEL - LAPSE * s.altitude, COLDEST)
-        mach = absolute(s.velocity) / (SPEED_PER_ROOT * sqrt(temperature))
-        return {"log_drag": combine(self.shapes, _stretched(mach), p)}
+        return {"log_drag": combine(self.shapes, _stretched(absolute(s.velocity) / _speed_of_sound(s.altitude)), p)}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragMach:
-        """The same over the Mach numbers that the record's speeds reach, at most and at least."""
-        flown = context.flown_range("velocity")
+        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it is lowest."""
+        flown, heights = context.flown_range("velocity"), context.flown.get("altitude", (0.0, HIGH))
         if flown is None:
             return self
         slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
-        low, high = slowest / (SPEED_PER_ROOT * math.sqrt(SEA_LEVEL)), max(abs(flown[0]), abs(flown[1])) / (SPEED_PER_ROOT * math.sqrt(COLDEST))
+        low, high = slowest / _speed_of_sound(heights[0]), max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:
@@ -99,6 +100,10 @@ class DragMach:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all shapes where there is none."""
         return (Probe(self.absent, shape_names(self.fine, flat=False)),)
+
+
+def _speed_of_sound(altitude: Any) -> Any:
+    return SPEED_PER_ROOT * sqrt(maximum(SEA_LEVEL - LAPSE * altitude, COLDEST))
 
 
 def _stretched(mach: Any) -> Any:

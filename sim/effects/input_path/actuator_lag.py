@@ -14,8 +14,10 @@ from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable, late_times
 from sim.declaration.traits import Traits
-from sim.effects.instances import all_labelled, further_inputs, labelled
+from sim.effects.instances import all_labelled, further_inputs, has_size, labelled
 from sim.maths.elementary import each_column, linear_recurrence, real, where
+
+SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class ActuatorLag:
             separating={
                 "input-delay": "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag loses amplitude there, a delay does not"
             },
-            plausible={"time_constant": (0.0, 0.5)},
+            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
             twins=all_labelled(("actuator-second-order",), self.label),
         )
 

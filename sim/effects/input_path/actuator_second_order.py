@@ -14,7 +14,7 @@ from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import all_labelled, further_inputs, labelled
+from sim.effects.instances import all_labelled, further_inputs, has_size, labelled
 from sim.maths.elementary import each_column, exp, real, sqrt, where
 
 UNLIMITED = 1e9
@@ -71,7 +71,7 @@ class ActuatorSecondOrder:
             ),
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
             rarer_than=all_labelled(("actuator-lag", "input-delay"), self.label),
-            plausible={"frequency": (3.0, 200.0), "damping": (0.1, MOST_DAMPED)},
+            plausible={"frequency": (3.0 if has_size(self.unit) else 0.3, 200.0), "damping": (0.1, MOST_DAMPED)},
         )
 
     @property

@@ -31,6 +31,7 @@ class SensorCurve:
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting curvature.
+    middle : of the readings, from where y counts; zero where they are perturbations.
     low, high : flown range about trim, in the unit of the channel: believed is what leaves the reading rising all over it,
         1 + 2 curvature y > 0.
     """
@@ -40,6 +41,7 @@ class SensorCurve:
     typical: float
     low: float
     high: float
+    middle: float = 0.0
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 5
@@ -81,11 +83,17 @@ class SensorCurve:
         if flown is None:
             return self
         bias = 0.0 if self.channel in ("alpha", "q") else context.values.get(f"bias_{self.channel}", 0.0)  # these are states, without bias
-        return replace(self, low=min(flown[0] - bias, 0.0), high=max(flown[1] - bias, 0.0))
+        low, high = flown[0] - bias, flown[1] - bias
+        if max(low, -high) > high - low:
+            # A total that never comes near zero: about there a square is next to a scale.
+            middle = 0.5 * (low + high)
+            return replace(self, low=low - middle, high=high - middle, middle=middle)
+        return replace(self, low=min(low, 0.0), high=max(high, 0.0))
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         true = y[self.channel]
-        return {self.channel: true + p.curvature * true * true}
+        off = true - self.middle if self.middle else true
+        return {self.channel: true + p.curvature * off * off}
 
 
 VARIANTS: tuple[Traceable, ...] = (

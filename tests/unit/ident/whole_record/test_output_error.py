@@ -130,7 +130,7 @@ def test_fitted_output_is_the_sequential_simulation(model: str) -> None:
     assert np.max(np.abs(simulated(record, system, p, x0, 0.01) - estimate.fitted[0]) / scale) < 1e-11
 
 
-def test_records_of_unequal_length_share_parameters_and_keep_their_own_biases() -> None:
+def test_records_of_unequal_length_share_parameters_and_keep_their_own_sensors() -> None:
     model, rng = rigid_model(), np.random.default_rng(3)
     offsets = [{"alpha": 0.02, "nz": -0.1}, {"alpha": -0.03, "q": 0.01}]
     records = [noisy(model, rigid_flight(d, 25.0), rng, offsets=o) for d, o in zip((4.0, 6.0), offsets, strict=True)]

@@ -64,6 +64,23 @@ def test_effect_of_a_user_is_told_by_its_own_sentence_or_its_numbers() -> None:
         assert sentence(claim, Wording(candidates={"vane-upwash": Traits((template,))})).startswith("vane-upwash acts")
 
 
+def test_of_several_inputs_the_one_that_the_effect_acts_on_is_named() -> None:
+    known = {"input-delay:rudder": Traits(("what the {control} does reaches the aircraft {delay} late",))}
+    wording = Wording("aileron", candidates=known, controls=("aileron", "rudder"))
+    assert (
+        sentence(Claim("input-delay:rudder", {"delay": Quantity(0.12, 0.002, "s")}), wording)
+        == "what the rudder does reaches the aircraft 0.120 s late"
+    )
+    assert wording.control_of("input-delay:rudder#2") == "rudder" and wording.traits("input-delay:rudder#2") is known["input-delay:rudder"]
+    assert wording.control_of("control-nonlinearity") == wording.control_of("sensor-lag:p") == "aileron"
+    assert sentence(
+        Claim("sensor-scale:beta", {"scale": Quantity(1.062, 0.002, "1")}), replace(wording, candidates={"sensor-scale:beta": SCALE})
+    ) == ("the angle of sideslip is read 6.2 % too large")
+
+
+SCALE = Traits(("the {channel} is read {scale_percent} {scale_direction}",))
+
+
 def test_what_the_data_do_not_determine_is_said_in_words() -> None:
     claim = Claim("actuator-saturation", {"limit": Quantity(0.0306, 290.0, "rad")})
     assert parameter_text(claim, Wording()) == "limit not determined by these data"

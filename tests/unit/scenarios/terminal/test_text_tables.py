@@ -35,6 +35,13 @@ def test_a_table_that_fits_is_not_touched() -> None:
     assert table(HEADS, []) == [] and table(("a", "b"), [("1", "2")], title="t")[0] == "t"
 
 
+def test_a_name_longer_than_its_column_is_parted_behind_a_colon_or_a_hyphen() -> None:
+    rows = [("1", "guard:drifting-derivatives:side_force", "7.0", "x" * 40), ("2", "a", "8.0", "b c d " * 9)]
+    lines = table(("round", "candidate", "gain", "remarks"), rows, left=2, width=76)
+    assert [line.split()[:2] for line in lines[1:3]] == [["1", "guard:drifting-derivatives:"], ["side_force"]]
+    assert lines[1].index("7.0") == next(line for line in lines if "8.0" in line).index("8.0")
+
+
 def test_a_folded_cell_goes_on_in_its_own_column() -> None:
     lines = table(("effect", "parameters"), [("speed-variation", "one two three four five six seven eight nine ten")], width=46)
     at = lines[0].index("parameters")

@@ -1,0 +1,121 @@
+"""A user's own model: the Python file that declares it, and the vehicle file that gives its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.declarations import closest, toml_of
+from scenarios.files.python_files import WANTED, run_python
+from scenarios.files.sources import InputFile, Source, read_source
+from sim.declaration.model import Model
+from sim.declaration.own_equations import OwnEquations
+from sim.errors import DeclarationError, ModelError
+
+SUFFIX = ".py"
+NOT_KEYS = ("name", "derivatives")  # of a vehicle file, which a constant's would hide
+EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
+
+
+@dataclass(frozen=True, eq=False)
+class OwnModel:
+    """A model that a file declares, at the file's own starts, and the file with its hash."""
+
+    model: Model
+    identity: InputFile
+
+
+def is_model_file(name: str) -> bool:
+    """Whether ``--model`` names a user's file: one that ends in .py, or a path."""
+    return name.endswith(SUFFIX) or "/" in name
+
+
+def is_own(model: Model) -> bool:
+    """Whether a model is a user's own: its signals mean what its file says, whatever their names."""
+    return isinstance(model.equations, OwnEquations)
+
+
+def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
+    """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself becomes the equations' explanation.
+
+    Raises
+    ------
+    DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that ``own_model`` did not make or that has the
+        name of one ``built_in``.
+    """
+    source = read_source(path, DeclarationError, WANTED)
+    where = str(source.path)
+    module = run_python(source, "model")
+    if not hasattr(module, "MODEL"):
+        raise DeclarationError("it declares no MODEL", where=where, remedy=f"put {EXAMPLE} at its top level")
+    model = module.MODEL
+    if not isinstance(model, Model) or not is_own(model):
+        raise DeclarationError(f"its MODEL is of type {type(model).__name__}", where=where, remedy=f"make it with own_model, {EXAMPLE}")
+    if model.name in built_in:
+        raise DeclarationError(f"the model {model.name!r} is built in", where=where, remedy="give yours another name")
+    for name in NOT_KEYS:
+        if name in model.parameters and not model.parameters[name].free:
+            raise DeclarationError(f"a constant {name!r} has no place in a vehicle file", where=where, remedy="give it another name")
+    equations: Any = model.equations
+    return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+
+
+def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model]:
+    """Name of the vehicle, and the model with the constants and starts that a vehicle file gives; what it leaves out stays as the model says.
+
+    Raises
+    ------
+    DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the wrong kind or unit or beyond its bounds.
+    """
+    path, content = source.path, toml_of(source)
+    name, starts = content.pop("name", path.stem), content.pop("derivatives", {})
+    if not isinstance(name, str) or not name:
+        raise DeclarationError(f"{name!r} is no name", where=f"{path}, key name", remedy='write name = "..."')
+    if not isinstance(starts, dict):
+        raise DeclarationError("this is no table", where=f"{path}, key derivatives", remedy="write [derivatives], and below it the starts")
+    given = {item.name: item for item in own.model.parameters}
+    values = {}
+    for table, free, keys in ((content, False, ""), (starts, True, "derivatives.")):
+        known = [item.name for item in given.values() if item.free is free]
+        for key, value in table.items():
+            where = f"{path}, key {keys}{key}"
+            if key not in known:
+                raise DeclarationError("there is no such key", where=where, remedy=_remedy(key, known, free=free, other=key in given))
+            values[key] = _number(value, given[key].unit, where)
+    try:
+        return name, own.model.with_values(values)
+    except ModelError as error:
+        raise DeclarationError(f"{error.where}: {error.what}", where=str(path), remedy=error.remedy) from None
+
+
+def channel_units(model: Model) -> Mapping[str, str]:
+    """Channel -> unit inside, of all channels that a record for this model may hold: an own model says itself what its names mean."""
+    if not is_own(model):
+        return CHANNEL_UNITS
+    return {TIME: "s", **{signal.name: signal.unit for signal in (*model.equations.inputs, *model.equations.outputs)}}
+
+
+def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
+    if other:
+        return "it is a constant: put it above [derivatives]" if free else "it is a parameter: put it under [derivatives]"
+    what = "parameters" if free else "constants"
+    return closest(key, known) if known else f"the model has no {what}"
+
+
+def _number(value: object, unit: str, where: str) -> float:
+    from pydantic_core import PydanticCustomError
+
+    from scenarios.files.vehicles_schema import quantity_in
+
+    try:
+        number = quantity_in(unit)(value)
+    except PydanticCustomError as error:
+        context: Mapping[str, Any] = error.context or {}
+        raise DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"])) from None
+    if not math.isfinite(number):
+        raise DeclarationError(f"value {number} is not a finite number", where=where, remedy="give a finite number")
+    return number

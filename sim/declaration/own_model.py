@@ -1,0 +1,223 @@
+"""A user's own model: named states, inputs, outputs and numbers with their units, and functions that say how the states move and what is read."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from typing import Any
+
+from sim.declaration.effect import Signal
+from sim.declaration.model import Model
+from sim.declaration.own_equations import Answer, OwnEquations
+from sim.declaration.own_sensors import biases_told, refuse_misnamed
+from sim.declaration.own_trial import Starts, try_model
+from sim.declaration.parameters import Parameter, ParameterSet
+from sim.errors import ModelError
+
+Units = Mapping[str, str]
+Numbers = Mapping[str, tuple[float, str]]
+
+TIME = "time"
+BIAS = "bias_"  # what the parameter of a sensor's bias begins with
+
+
+def own_model(
+    name: str,
+    states: Units,
+    inputs: Units,
+    outputs: Units,
+    parameters: Numbers,
+    rates: Answer,
+    readings: Answer,
+    constants: Numbers | None = None,
+    ports: Units | None = None,
+    flow: Answer | None = None,
+    initial: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    biases: Collection[str] | None = None,
+) -> Model:
+    """A model from mappings by name and functions of ``s`` (signals) and ``p`` (parameters and constants), whose attributes are these names.
+
+    Parameters
+    ----------
+    name : of the model, for tables and messages.
+    states, inputs, outputs : name -> unit. An output with the name of a state reads that state, in its unit: a fit begins there.
+    parameters : name -> (start, unit), estimated. constants : likewise, held.
+    rates : ``rates(s, p)`` gives each state's rate by name, in the state's unit per second. ``s`` has states, inputs, ports, ``time`` (s) and what
+        ``flow`` forms; each a number, a complex number or an array, for which the functions of ``sim.maths.elementary`` are made.
+    readings : ``readings(s, p)`` gives each output by name.
+    ports : name -> unit, places where disturbances enter, zero unless an effect adds to them. Left out, each state has the port ``STATE_rate``,
+        which is added to its rate; declared, the functions take them as ``s.PORT``.
+    flow : ``flow(s, p)`` gives further signals by name, formed once and used by both others.
+    initial : name -> value of a state at the start, zero where it is left out; of an input: where the functions are tried.
+    bounds : name of a parameter -> (lowest, highest).
+    biases : outputs whose sensors have a free constant bias; when None all, but for those that no record tells from where its states begin
+        (``sim.declaration.own_sensors``).
+
+    Raises
+    ------
+    ModelError : one line on whatever is declared wrongly, functions included: they are evaluated once, at the starts.
+    """
+    _refuse_title(name)
+    _refuse_uncallable(name, {"rates": rates, "readings": readings, **({} if flow is None else {"flow": flow})})
+    moving, driving, read = (_signals(name, *pair) for pair in (("states", states), ("inputs", inputs), ("outputs", outputs)))
+    entering = _rate_ports(moving) if ports is None else _signals(name, "ports", ports)
+    limits = _bounds(name, bounds or {}, {**_mapping(name, "parameters", parameters), **_mapping(name, "constants", constants or {})})
+    held, free = _numbers(name, "constants", constants or {}, limits, free=False), _numbers(name, "parameters", parameters, limits, free=True)
+    _refuse_collisions(name, {"states": moving, "inputs": driving, "ports": entering, "constants": held, "parameters": free, "outputs": read})
+    start = _initial(name, initial or {}, (*moving, *driving))
+    numbers = ParameterSet((*held, *free))
+    equations = OwnEquations(
+        name,
+        moving,
+        driving,
+        read,
+        entering,
+        numbers.names,
+        rates,
+        readings,
+        flow,
+        rate_ports=tuple(port.name for port in entering) if ports is None else (),
+        resting=tuple((signal.name, start[signal.name]) for signal in driving if signal.name in start),
+        biased_outputs=_biased(name, biases, [signal.name for signal in read]),
+    )
+    return _model(equations, numbers, start, all_biases=biases is None)
+
+
+def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool) -> Model:
+    """The model of equations that were tried at their starts."""
+    zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
+    starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
+    equations = replace(equations, formed_names=try_model(equations, starts))
+    refuse_misnamed(equations, starts)
+    if all_biases:
+        equations = replace(equations, biased_outputs=biases_told(equations, starts))
+    begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]
+    return Model(equations, numbers, ParameterSet(tuple(begun)))
+
+
+def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
+    return tuple(Signal(f"{state.name}_rate", rate_unit(state.unit), f"added to the rate of {state.name}") for state in states)
+
+
+def rate_unit(unit: str) -> str:
+    """The unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
+    found = re.fullmatch(r"(.+)/s(\d*)", unit)
+    return f"{found[1]}/s{int(found[2] or 1) + 1}" if found else f"{unit}/s"
+
+
+def _refuse_title(name: object) -> None:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise ModelError(f"{name!r} is no name", where="own model", remedy='give name="..." on one line')
+
+
+def _mapping(model: str, what: str, some: object) -> Mapping[Any, Any]:
+    if not isinstance(some, Mapping):
+        entry = '{"NAME": (START, "UNIT")}' if what in ("parameters", "constants") else '{"NAME": ...}'
+        raise ModelError(f"{what} is of type {type(some).__name__}", where=f"model {model}", remedy=f"give a mapping by name, {what}={entry}")
+    return some
+
+
+def _refuse_uncallable(model: str, functions: Mapping[str, object]) -> None:
+    for what, function in functions.items():
+        if not callable(function):
+            remedy = f"give a function of s and p, {what}=lambda s, p: {{...}}"
+            raise ModelError(f"{what} is of type {type(function).__name__} and cannot be called", where=f"model {model}", remedy=remedy)
+
+
+def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
+    """The signals of a mapping name -> unit; there must be a state and an output."""
+    found = _mapping(model, what, some)
+    for name, unit in found.items():
+        _refuse_name(model, what, name)
+        _refuse_unit(f"model {model}, {what}, {name}", unit)
+    if not found and what in ("states", "outputs"):
+        raise ModelError(f"there is no {what[:-1]}", where=f"model {model}", remedy=f'give {what}={{"NAME": "UNIT"}}')
+    return tuple(Signal(name, unit) for name, unit in found.items())
+
+
+def _refuse_name(model: str, what: str, name: object) -> None:
+    where, remedy = f"model {model}, {what}", "use letters, digits and underscores, a letter first"
+    if not isinstance(name, str) or not name.isidentifier() or name.startswith("_"):
+        raise ModelError(f"{name!r} is no name", where=where, remedy=remedy)
+    if keyword.iskeyword(name):
+        raise ModelError(f"{name!r} is a word of Python itself", where=where, remedy="give it another name")
+    if what in ("parameters", "constants") and name.startswith(BIAS):
+        raise ModelError(f"{name!r} would be taken for a sensor's bias", where=where, remedy=f"begin its name otherwise than with {BIAS}")
+
+
+def _refuse_unit(where: str, unit: object) -> None:
+    if not isinstance(unit, str) or not unit.strip() or not unit.isprintable():
+        what = "the unit is empty" if isinstance(unit, str) else f"the unit is of type {type(unit).__name__}"
+        raise ModelError(what, where=where, remedy='give a text such as "rad/s", "1" for a pure number')
+
+
+def _numbers(model: str, what: str, some: object, limits: Mapping[str, tuple[float, float]], *, free: bool) -> tuple[Parameter, ...]:
+    out = []
+    for name, entry in _mapping(model, what, some).items():
+        _refuse_name(model, what, name)
+        where = f"model {model}, {what}, {name}"
+        if not isinstance(entry, tuple | list) or len(entry) != 2:
+            raise ModelError(f"{entry!r} is no pair of a start and a unit", where=where, remedy=f'write "{name}": (START, "UNIT")')
+        _refuse_unit(where, entry[1])
+        out.append(Parameter(name, _number(where, entry[0]), entry[1], bounds=limits.get(name, (-math.inf, math.inf)), free=free, source="declared"))
+    return tuple(out)
+
+
+def _number(where: str, value: object, *, infinite: bool = False) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ModelError(f"{value!r} is no number", where=where, remedy="give a number in the unit that stands beside it")
+    number = float(value)
+    if not math.isfinite(number) and not (infinite and math.isinf(number)):
+        raise ModelError(f"{number} is no finite number", where=where, remedy="give a finite number")
+    return number
+
+
+def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tuple[float, float]]:
+    out = {}
+    for name, pair in _mapping(model, "bounds", bounds).items():
+        where = f"model {model}, bounds, {name}"
+        if name not in known:
+            raise ModelError(f"there is no parameter {name!r}", where=f"model {model}, bounds", remedy=f"use one of {', '.join(map(str, known))}")
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise ModelError(f"{pair!r} is no pair of bounds", where=where, remedy=f'write "{name}": (LOWEST, HIGHEST)')
+        low, high = (_number(where, value, infinite=True) for value in pair)
+        if not low < high:
+            raise ModelError(f"{low:g} is not below {high:g}", where=where, remedy="give the lower bound first")
+        out[name] = (low, high)
+    return out
+
+
+def _initial(model: str, initial: object, signals: Iterable[Signal]) -> dict[str, float]:
+    known, found = [signal.name for signal in signals], _mapping(model, "initial", initial)
+    for name in found:
+        if name not in known:
+            raise ModelError(f"there is no state {name!r}", where=f"model {model}, initial", remedy=f"use one of {', '.join(known)}")
+    return {name: _number(f"model {model}, initial, {name}", value) for name, value in found.items()}
+
+
+def _biased(model: str, biases: object, outputs: list[str]) -> tuple[str, ...]:
+    if biases is None:
+        return tuple(outputs)
+    if isinstance(biases, str) or not isinstance(biases, Collection):
+        raise ModelError(f"biases is of type {type(biases).__name__}", where=f"model {model}", remedy='give a list of outputs, biases=["NAME"]')
+    for name in biases:
+        if name not in outputs:
+            raise ModelError(f"there is no output {name!r}", where=f"model {model}, biases", remedy=f"use one of {', '.join(outputs)}")
+    return tuple(name for name in outputs if name in biases)
+
+
+def _refuse_collisions(model: str, taken: Mapping[str, Sequence[Signal | Parameter]]) -> None:
+    """Refuse a name that stands for two things; only an output and a state may share one."""
+    seen = {TIME: "time"}
+    for what, items in taken.items():
+        for item in items:
+            there = seen.get(item.name)
+            if there is not None and not (what == "outputs" and there == "states"):
+                both = "the time" if there == "time" else f"among the {there}"
+                raise ModelError(f"{item.name!r} is {both} as well", where=f"model {model}, {what}", remedy="give each a name of its own")
+            seen[item.name] = what

@@ -1,0 +1,116 @@
+"""`identify`, `diagnose` and `check` on lateral and longitudinal records: what is printed and written, and every refusal in one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.record import Record
+from tests.integration.command_line import CommandLine, contents
+from tests.whole_axes import TRUE, flown, write_flown
+
+
+@pytest.fixture(scope="module")
+def records() -> dict[str, Record]:
+    return {model: flown(model) for model in TRUE}
+
+
+@pytest.mark.parametrize("model", list(TRUE))
+def test_what_identify_prints_and_writes(flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str) -> None:
+    path = write_flown(tmp_path, model, records[model])
+    out = tmp_path / "out"
+    printed = flightid.done("identify", path, "--model", model, "--vehicle", tmp_path / "vehicle.toml", "--out", out)
+    content = json.loads((out / "comparison.json").read_text(), parse_constant=pytest.fail)
+    assert (content["model"], content["outcome"]) == (model, "converged") and set(content["parameters"]) == set(TRUE[model])
+    for name, row in content["parameters"].items():
+        assert abs(row["estimate"] - TRUE[model][name]) < 3.5 * row["std"]
+    assert {"fit.png", "record.png", "correlation.png", "record.csv"} <= set(contents(out))
+    if model == "lateral":
+        assert {name: entry["unit"] for name, entry in content["derived"].items()} == {
+            **{"dutch_roll_frequency": "rad/s", "dutch_roll_damping": "1", "roll_time_constant": "s", "spiral_time_constant": "s"}
+        }
+        assert "Dutch roll frequency" in printed and "roll time constant" in printed
+    else:
+        assert set(content["derived"]) == {"short_period_frequency", "short_period_damping", "phugoid_frequency", "phugoid_damping"}
+        assert "phugoid frequency" in printed and "residual (1 sigma): airspeed 0.2" in printed
+
+
+def late(record: Record, name: str, rows: int) -> Record:
+    """The record with one input recorded ``rows`` samples before it acts."""
+    inputs = tuple(
+        type(c).of(c.name, c.unit, np.concatenate([c.values[rows:], np.full(rows, c.values[-1])])) if c.name == name else c for c in record.inputs
+    )
+    return Record(record.time, inputs, record.outputs, record.hold, record.name)
+
+
+def diagnosed(flightid: CommandLine, folder: Path, model: str, path: Path) -> tuple[str, dict[str, Any]]:
+    out = folder / "out"
+    printed = flightid.done("diagnose", path, "--model", model, "--hold", "previous", "--no-figures", "--out", out)
+    return printed, json.loads((out / "diagnosis.json").read_text(), parse_constant=pytest.fail)
+
+
+@pytest.mark.parametrize("model", list(TRUE))
+def test_a_sound_record_is_consistent_and_the_kinematics_are_not_asked(
+    flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str
+) -> None:
+    path = write_flown(tmp_path, model, records[model])
+    printed, content = diagnosed(flightid, tmp_path, model, path)
+    assert content["verdict"] == "consistent" and "compatibility" not in content and not content["effects"]
+    units = {"beta": "rad", "p": "rad/s", "r": "rad/s", "phi": "rad", "ny": "g"}
+    longitudinal = {"airspeed": "m/s", "alpha": "rad", "theta": "rad", "q": "rad/s", "nz": "g", "nx": "g"}
+    assert content["error"]["unit"] == (units if model == "lateral" else longitudinal)
+    with (tmp_path / "out" / "validate_prediction.csv").open(newline="") as stream:
+        header, *rows = csv.reader(stream)
+    assert {f"after_{name}" for name in content["error"]["unit"]} <= set(header)
+    assert all(math.isfinite(float(cell)) for row in rows for cell in row)
+    shown = {"lateral": ("  p      deg/s", "  ny     g"), "longitudinal": ("  airspeed  m/s", "  theta     deg")}
+    assert all(text in printed for text in shown[model])
+
+
+def test_a_sentence_names_the_input_that_is_late(flightid: CommandLine, tmp_path: Path, records: dict[str, Record]) -> None:
+    path = write_flown(tmp_path, "lateral", late(records["lateral"], "rudder", 3))
+    printed, content = diagnosed(flightid, tmp_path, "lateral", path)
+    (effect,) = content["effects"]
+    assert effect["name"] == "input-delay:rudder" and effect["parameters"]["delay"]["value"] == pytest.approx(0.12, abs=0.005)
+    assert effect["sentence"] == "what the rudder does reaches the aircraft 0.120 s late"
+    assert "CY_beta" in printed and "reaches the aircraft" in content["headline"]
+
+
+REFUSED = [
+    ("lateral", "aileron", "there is no column 'aileron'"),
+    ("lateral", "rudder", "there is no column 'rudder'"),
+    ("longitudinal", "thrust", "there is no column 'thrust'"),
+]
+
+
+@pytest.mark.parametrize(("model", "absent", "said"), REFUSED)
+def test_a_control_must_be_there(flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str, absent: str, said: str) -> None:
+    path = write_flown(tmp_path, model, records[model], {absent: ("other", 1.0)})
+    line = flightid.refused("identify", path, "--model", model, "--vehicle", tmp_path / "vehicle.toml")
+    assert said in line and f"name the column {absent}" in line
+
+
+def test_files_and_methods_that_do_not_fit(flightid: CommandLine, tmp_path: Path, records: dict[str, Record]) -> None:
+    lateral, longitudinal = (tmp_path / model for model in TRUE)
+    paths = {}
+    for folder in (lateral, longitudinal):
+        folder.mkdir()
+        paths[folder.name] = write_flown(folder, folder.name, records[folder.name])
+    wrong = flightid.refused("identify", paths["lateral"], "--model", "lateral", "--vehicle", longitudinal / "vehicle.toml")
+    assert "vehicle.toml, key derivatives.CD_0: there is no such key" in wrong
+    assert "vehicle.toml, key derivatives.CY_beta: there is no such key" in flightid.refused("diagnose", paths["lateral"], "--model", "rigid")
+    unscented = ("identify", paths["longitudinal"], "--model", "longitudinal", "--vehicle", longitudinal / "vehicle.toml", "--method", "ukf")
+    assert flightid.refused(*unscented).startswith("--method: an unscented filter of totals is biased")
+    (lateral / "vehicle.toml").write_text((lateral / "vehicle.toml").read_text().split("[derivatives]")[0] + "[derivatives]\n")
+    assert "no derivative is given; give where the search starts" in flightid.refused("diagnose", paths["lateral"], "--model", "lateral")
+
+
+def test_the_kinematics_are_checked_with_a_longitudinal_file(flightid: CommandLine, tmp_path: Path, records: dict[str, Record]) -> None:
+    printed = flightid.done("check", write_flown(tmp_path, "longitudinal", records["longitudinal"]))
+    assert "relation of alpha: alpha, q, nz" in printed and "relation of theta: theta, q" in printed
