@@ -44,37 +44,44 @@ def fly_lateral(
     *,
     wind: Callable[[float], float] = lambda t: 0.0,
     lags: tuple[float, float] | None = None,
+    bending: tuple[float, float, float, float] | None = None,
+    faster: float = 0.0,
     cuts: Sequence[float] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs beta, p, r, phi, ny ``(5, N)`` and the yaw acceleration ``(N,)``.
 
     ``added`` gives increments of CY, Cl and Cn (a missing one is zero), ``wind`` the air from the right in m/s, ``lags`` the time constants of
-    the actuators of aileron and rudder, settled at the first input.
+    the actuators of aileron and rudder, settled at the first input. ``bending`` is frequency, damping, gain of sideslip and gyro of an oscillator
+    that the rudder drives; ``added`` knows it as ``eta``. The airspeed grows by ``faster`` m/s2.
     """
-    v = LATERAL_VALUES
-    V, b = v["airspeed"], v["span"]
-    force = 0.5 * v["air_density"] * V * V * v["wing_area"]
+    v, b = LATERAL_VALUES, LATERAL_VALUES["span"]
     inertia = np.array([[v["roll_inertia"], -v["cross_inertia"]], [-v["cross_inertia"], v["yaw_inertia"]]])
 
     def motion(t: float, x: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, float]:
         beta, p, r, phi = x[:4]
-        da, dr = x[4:] if lags else held
-        s = {"beta": beta + wind(t) / V, "p": p * b / (2 * V), "r": r * b / (2 * V), "da": da, "dr": dr}
-        more = added(t, s)
+        V = v["airspeed"] + faster * t
+        force = 0.5 * v["air_density"] * V * V * v["wing_area"]
+        da, dr = x[4:6] if lags else held
+        s = {"beta": beta + wind(t) / v["airspeed"], "p": p * b / (2 * V), "r": r * b / (2 * V), "da": da, "dr": dr}
+        more = added(t, {**s, "eta": x[-2]} if bending else s)
         CY, Cl, Cn = (sum(v[f"{axis}_{by}"] * value for by, value in s.items()) + more.get(axis, 0.0) for axis in ("CY", "Cl", "Cn"))
         side = force * CY / v["mass"]
         turning = np.linalg.solve(inertia, [force * b * Cl, force * b * Cn])
         # Air past the body: v_dot = side force + w p - u r + gravity, v = V beta.
         u0, w0 = V * math.cos(v["trim_alpha"]), V * math.sin(v["trim_alpha"])
         beta_dot = (side + w0 * p - u0 * r + G * math.cos(v["trim_theta"]) * phi) / V
-        surfaces = [(held[i] - x[4 + i]) / lags[i] for i in (0, 1)] if lags else []
-        return np.array([beta_dot, *turning, p + math.tan(v["trim_theta"]) * r, *surfaces]), side / G
+        own = [(held[i] - x[4 + i]) / lags[i] for i in (0, 1)] if lags else []
+        if bending:
+            w, damping, gain, _ = bending
+            own += [x[-1], w * w * (dr + gain * s["beta"] - x[-2]) - 2 * damping * w * x[-1]]
+        return np.array([beta_dot, *turning, p + math.tan(v["trim_theta"]) * r, *own]), side / G
 
-    x0 = [0.0, 0.0, 0.0, 0.0, *(u[:, 0] if lags else ())]
+    x0 = [0.0, 0.0, 0.0, 0.0, *(u[:, 0] if lags else ()), *((0.0, 0.0) if bending else ())]
     states = _integrated(lambda t, x, held: motion(t, x, held)[0], x0, time, u, cuts)
     at_samples = [motion(t, x, u[:, k]) for k, (t, x) in enumerate(zip(time, states, strict=True))]
     outputs = np.vstack([states[:, :4].T, [ny for _, ny in at_samples]])
-    outputs[0] += [wind(t) / V for t in time]
+    outputs[0] += [wind(t) / v["airspeed"] for t in time]
+    outputs[2] += bending[3] * states[:, -1] if bending else 0.0
     return outputs, np.array([rates[2] for rates, _ in at_samples])
 
 

@@ -168,6 +168,17 @@ def test_loads_of_a_total_angle_bend_about_the_middle_of_what_was_flown(name: st
     close(on_longitudinal({f"{effect.name}.{local}": 0.3 * size for local, size in SHAPES.items()}, effect), expected, 1e-5)
 
 
+def test_a_bending_fin() -> None:
+    expected, _ = fly_lateral(SIDE.time, SIDE.u, lambda t, s: {"CY": 0.08 * s["eta"], "Cn": -0.03 * s["eta"]}, bending=(17.0, 0.04, -0.6, 0.02))
+    mode = {"frequency": 17.0, "damping": 0.04, "side_force": 0.08, "yaw": -0.03, "angle_gain": -0.6, "gyro": 0.02}
+    close(on_lateral({f"elastic-mode.{name}": value for name, value in mode.items()}, lateral("elastic-mode")), expected, 1e-5)
+
+
+def test_an_airspeed_that_changes() -> None:
+    expected, _ = fly_lateral(SIDE.time, SIDE.u, faster=1.7)
+    close(on_lateral({"speed-variation.rate": 1.7}, lateral("speed-variation")), expected, 1e-5)
+
+
 def test_two_actuators_at_once() -> None:
     expected, _ = fly_lateral(SIDE.time, SIDE.u, lags=(0.11, 0.19))
     values = {"actuator-lag:aileron.time_constant": 0.11, "actuator-lag:rudder.time_constant": 0.19}
