@@ -42,7 +42,7 @@ def show_effects(name: str | None) -> None:
             start = f"{each:{width}}  {effect.station.value:11}  "
             print(start + textwrap.shorten(_first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."))
         return
-    effect = find_effect(name)
+    effect = _effect_of_any_model(name)
     print(f"{effect.name}  ({effect.station.value})\n")
     print(textwrap.fill(" ".join(effect.explanation.split()), 100))
     print(f"\nabsent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}")
@@ -57,6 +57,16 @@ def show_effects(name: str | None) -> None:
         known = {item.name for item in effect.parameters}
         more = [f"{item.name} ({item.unit})" if item.unit != "1" else item.name for item in effect.finer().parameters if item.name not in known]
         print(f"\na freer form of it, tried where this one is found, adds {', '.join(more)}")
+
+
+def _effect_of_any_model(name: str) -> Effect:
+    """An effect of the library, or one that is made for the inputs, channels and loads of a model."""
+    from sim.effects.library import effect_names, effects_for, find_effect
+    from sim.vehicles.lateral import Lateral
+    from sim.vehicles.longitudinal import Longitudinal
+
+    made = [effect for equations in (Lateral(), Longitudinal()) for effect in effects_for(equations) if effect.name == name]
+    return made[0] if made and name not in effect_names() else find_effect(name)
 
 
 def show_vehicles(name: str | None, other: str | None) -> None:

@@ -40,7 +40,7 @@ class GustDiscrete:
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} comes at {start} and lasts {duration}",),
-        plausible=PLAUSIBLE,
+        plausible=dict(PLAUSIBLE),
         lasts="duration",
         onset="start",
         per_record=True,

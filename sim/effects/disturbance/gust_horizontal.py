@@ -36,7 +36,7 @@ class GustHorizontal:
     states: ClassVar[tuple[Signal, ...]] = ()
     traits: ClassVar[Traits] = Traits(
         sentences=("a single gust of {peak} from ahead comes at {start} and lasts {duration}",),
-        plausible=PLAUSIBLE,
+        plausible=dict(PLAUSIBLE),
         lasts="duration",
         onset="start",
         per_record=True,

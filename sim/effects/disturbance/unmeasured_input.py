@@ -46,12 +46,17 @@ class UnmeasuredInput:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = (
-        "Something pushed the aircraft that no channel shows: a flap, a speed brake, another surface, thrust that pitches, a store let go. CL += "
-        "lift and Cm += moment between start and start + duration, or from start on for good. The motion begins without any recorded input and "
-        "follows the aircraft's own short period. A gust does so too, but it acts through the angle of attack and moves the vane at once, so that "
-        "its lift and moment stand in the ratio of CL_alpha to Cm_alpha."
-    )
+
+    @property
+    def explanation(self) -> str:
+        loads = "CL += lift and Cm += moment" if self.ports == LOADS else f"Its coefficient of {self.ports[0].replace('_', ' ')} += {self.ports[0]}"
+        ratio = "its lift and moment stand in the ratio of CL_alpha to Cm_alpha" if self.ports == LOADS else "its loads stand in a known ratio"
+        return (
+            "Something pushed the aircraft that no channel shows: a flap, a speed brake, another surface, thrust that pitches, a store let go. "
+            f"{loads} between start and start + duration, or from start on for good. The motion begins without any recorded input and follows the "
+            "aircraft's own modes. A gust does so too, but it acts through the angle of the air and moves the vane at once, so that "
+            f"{ratio}."
+        )
 
     @property
     def name(self) -> str:

@@ -57,12 +57,16 @@ class ControlNonlinearity:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = (
-        "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
-        "differ. Cm = ... + Cm_de (d + f(d)) for a deflection d, CL = ... + CL_de (d + lift_share f(d)), f a smooth curve (natural cubic spline, "
-        "four shapes) over the range used with no value and no slope at zero. An input of a few fixed levels shows it at these levels only, and "
-        "there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
-    )
+
+    @property
+    def explanation(self) -> str:
+        moment, lift = (name.partition("_")[0] for name in (self.moment_by, self.lift_by))
+        return (
+            "The surface works more or less at large deflections than its derivative at zero tells: the flow separates, a gap opens, up and down "
+            f"differ. {moment} = ... + {self.moment_by} (d + f(d)) for a deflection d, {lift} = ... + {self.lift_by} (d + lift_share f(d)), f a "
+            "smooth curve (natural cubic spline, four shapes) over the range used with no value and no slope at zero. An input of a few fixed levels "
+            "shows it at these levels only, and there it cannot be told from a surface that reaches its stops or from break-out; a multisine can."
+        )
 
     @property
     def name(self) -> str:

@@ -53,12 +53,16 @@ class ControlUnevenness:
         short_name="uneven control",
         plausible={"unevenness": (-0.7, 0.7), "lift_share": (-3.0, 5.0)},
     )
-    explanation: ClassVar[str] = (
-        "The surface works more to one side than to the other: Cm = ... + Cm_de (d + unevenness |d|) for a deflection d from trim, CL likewise. A "
-        "tail near its stall, a gap that one side opens, or an actuator with two gains do this. The derivative is then the mean of both sides, and "
-        "a model with one slope errs with the same sign for up and down: after a doublet it ends at another attitude than the aircraft. An input "
-        "to one side alone only shows another derivative; it takes steps to both."
-    )
+
+    @property
+    def explanation(self) -> str:
+        moment = self.moment_by.partition("_")[0]
+        return (
+            f"The surface works more to one side than to the other: {moment} = ... + {self.moment_by} (d + unevenness |d|) for a deflection d from "
+            "trim, its other coefficients likewise. A tail near its stall, a gap that one side opens, or an actuator with two gains do this. The "
+            "derivative is then the mean of both sides, and a model with one slope errs with the same sign for up and down: after a doublet it ends "
+            "at another attitude than the aircraft. An input to one side alone only shows another derivative; it takes steps to both."
+        )
 
     @property
     def name(self) -> str:

@@ -258,6 +258,8 @@ def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     one = flightid.done("effects", "input-delay")
     assert "input path" in one and "delay" in one and "absent when" in one
     gust = flightid.done("effects", "gust-discrete")
+    made = flightid.done("effects", "input-delay:rudder")
+    assert made.startswith("input-delay:rudder  (input path)") and "hard to tell from actuator-lag:rudder" in made
     assert "flat on top" in gust and "adds shape1 (m/s), shape2 (m/s), shape3 (m/s)" in gust and "inf" not in gust
     assert [line.split()[0] for line in flightid.done("vehicles").splitlines()] == list(vehicle_names())
     assert "288017 lb" in flightid.done("vehicles", "bomber_rigid")
