@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import Quantity, Silent
+from ident.tracing.replication import one_round
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidation
-from ident.tracing.replication.weighing import left_out, weigh
+from ident.tracing.replication.weighing import Trial, left_out, try_out, weigh
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_drift import SensorDrift
+from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.tracing_problem import all_records, coloured, doublets, planted, root_of
 
 LATE, DRIFT = SensorDelay("alpha"), SensorDrift("nz", "g", 5e-3)
@@ -54,6 +57,21 @@ class Witness(Silent):
 @pytest.fixture(scope="module")
 def late() -> Flight:
     return flown(LATE, [DELAYED] * 3)
+
+
+def test_a_witness_is_asked_when_all_candidates_are_fitted(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It makes its computation meanwhile."""
+    steps: list[str] = []
+    witness = Witness(0.0)
+
+    def fitted(*arguments: Any) -> Trial | None:
+        steps.append("fitted" if not witness.asked else "fitted late")
+        return try_out(*arguments)
+
+    monkeypatch.setattr(one_round, "try_out", fitted)
+    tried = one_round.weigh_all(replace(late, witness=witness), [LATE, SensorScale("alpha"), DRIFT], root_of(late))
+    assert tried is not None and tried.chosen is not None and witness.asked
+    assert len(steps) > 1 and set(steps) == {"fitted"}
 
 
 def test_of_what_belongs_to_each_of_two_records_nothing_stands_and_with_three_it_does() -> None:

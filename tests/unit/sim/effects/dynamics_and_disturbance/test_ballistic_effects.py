@@ -98,6 +98,8 @@ def test_drag_over_mach_takes_its_range_from_the_speeds_flown() -> None:
     fitted = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -170.0)}))
     assert isinstance(fitted, DragMach) and not fitted.fine
     assert fitted.low == pytest.approx(170.0 / 340.29, rel=1e-4) and fitted.high == pytest.approx(1800.0 / 295.07, rel=1e-4)
+    high_up = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-1800.0, -1000.0), "altitude": (20000.0, 40000.0)}))
+    assert isinstance(high_up, DragMach) and high_up.low == pytest.approx(1000.0 / 295.07, rel=1e-4), "slowest where it is lowest, still high"
     both_ways = effect.fitted_to(SearchContext(0.0, 10.0, 0.1, flown={"velocity": (-300.0, 100.0)}))
     assert isinstance(both_ways, DragMach) and both_ways.low == 0.0
 

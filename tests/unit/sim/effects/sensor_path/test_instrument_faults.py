@@ -103,6 +103,16 @@ def test_a_bent_reading_counts_from_trim_without_the_bias_and_rises_over_what_wa
         assert 1.0 + 2.0 * curvature * worst == pytest.approx(0.0)
 
 
+def test_a_bent_reading_of_a_total_counts_from_the_middle_of_what_was_flown() -> None:
+    """About zero the square of an airspeed of 45 to 53 m/s would be next to a scale of it."""
+    context = SearchContext(0.0, 9.0, 0.02, flown={"airspeed": (45.0, 53.0)})
+    fitted = SensorCurve("airspeed", "m/s", 0.01, -20.0, 20.0).fitted_to(context)
+    assert (fitted.low, fitted.high, fitted.middle) == (-4.0, 4.0, 49.0)
+    y = {"airspeed": np.array([45.0, 49.0, 52.0])}
+    read = fitted.read(None, y, None, SimpleNamespace(curvature=0.05))["airspeed"]
+    np.testing.assert_allclose(read, [45.0 + 0.05 * 16.0, 49.0, 52.0 + 0.05 * 9.0], rtol=1e-15)
+
+
 def test_a_zero_that_jumps_stays_there() -> None:
     step = SensorStep("q", "rad/s", 0.01).fitted_to(SearchContext(0.0, 6.0, 0.02))
     flight = rigid_flight()
