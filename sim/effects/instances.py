@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from sim.declaration.effect import Signal
-from sim.declaration.model import Containing, Equations
+from sim.declaration.model import Containing, DrivenBeside, Equations
 
 KNOWN_INPUTS, KNOWN_OUTPUTS = ("elevator", "stick"), ("alpha", "q", "nz", "altitude")  # their instances stand in the effects' own files
+ATTITUDE = "theta"  # where it is an input it was measured, as an airspeed that is a port
 # Ports through which the air comes in; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
@@ -24,13 +25,20 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
     return tuple(labelled(name, label) for name in names)
 
 
+def controls(equations: Equations) -> tuple[Signal, ...]:
+    """Inputs that somebody moves: not those that are measured motion or air, which take the place of a port or of the attitude."""
+    others = {ATTITUDE, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenBeside) else ())}
+    return tuple(signal for signal in equations.inputs if signal.name not in others)
+
+
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
     """Inputs that need instances of their own, with the label of each: its name where there are several inputs."""
     if isinstance(equations, Containing):
         # What lies between input and vehicle is part of these equations.
         return ()
-    several = len(equations.inputs) > 1
-    return tuple((signal, signal.name if several else "") for signal in equations.inputs if several or signal.name not in KNOWN_INPUTS)
+    moved = controls(equations)
+    several = len(moved) > 1
+    return tuple((signal, signal.name if several else "") for signal in moved if several or signal.name not in KNOWN_INPUTS)
 
 
 def further_outputs(equations: Equations) -> tuple[Signal, ...]:

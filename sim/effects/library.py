@@ -15,6 +15,7 @@ from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constan
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import controls
 from sim.errors import ModelError
 
 
@@ -75,7 +76,8 @@ def applies(effect: Effect, equations: Equations) -> bool:
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
     ports, states = {port.name for port in equations.ports}, {signal.name for signal in equations.states}
     # Of several inputs each has its own instance, which its label names.
-    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and (len(inputs) == 1 or getattr(effect, "label", effect.signal) != ""))
+    whose = not isinstance(effect, OnSignal) or len(controls(equations)) == 1 or getattr(effect, "label", effect.signal) != ""
+    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
     read = not isinstance(effect, OnChannel) or effect.channel in outputs
     able = ports.issuperset(ports_needed(effect)) and states.issuperset(rates_read_by(effect))
     return fed and read and able and {*equations.parameter_names}.issuperset(constants_needed(effect))

@@ -34,6 +34,7 @@ class LongitudinalFlight:
         Signal("dynamic_pressure", "Pa", "dynamic pressure"),
         Signal("ax", "m/s2", "specific force along the body, forward"),
     )
+    no_controls: tuple[str, ...] = ("updraft", "thrust")
     ports: tuple[Signal, ...] = BASE.ports
     parameter_names: tuple[str, ...] = (*BASE.parameter_names, "gravity", "trim_lift", "trim_alpha")
 
