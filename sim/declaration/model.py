@@ -55,6 +55,14 @@ class Biased(Protocol):
     def biased_outputs(self) -> tuple[str, ...]: ...
 
 
+@runtime_checkable
+class DrivenBeside(Protocol):
+    """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them, and no effect acts on their path."""
+
+    @property
+    def no_controls(self) -> tuple[str, ...]: ...
+
+
 @dataclass(frozen=True)
 class Noise:
     """What is random in a model.

@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
 
 from sim.declaration.effect import Signal
-from sim.declaration.model import Containing, Equations
+from sim.declaration.model import Containing, DrivenBeside, Equations
 
 KNOWN_INPUTS, KNOWN_OUTPUTS = ("elevator", "stick"), ("alpha", "q", "nz", "altitude")  # their instances stand in the effects' own files
+ATTITUDE = "theta"  # where it is an input it was measured, as an airspeed that is a port
 # Ports through which the air comes in; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
-RECORDED = ("theta",)  # comes in as an input where it is recorded
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
 _LARGE_OUTPUT = {"rad": 0.2, "rad/s": 0.2, "g": 2.0, "m/s": 20.0, "m": 1000.0, "m/s2": 20.0}
-
-
-@runtime_checkable
-class Commanded(Protocol):
-    """Equations that say which of their inputs are controls."""
-
-    @property
-    def controls(self) -> tuple[str, ...]: ...
 
 
 def labelled(name: str, label: str) -> str:
@@ -35,11 +26,9 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
-    """Inputs that move the vehicle: what a record shows of the air, of the speed or of the attitude comes in through a port or by its own name."""
-    if isinstance(equations, Commanded):
-        return tuple(signal for signal in equations.inputs if signal.name in equations.controls)
-    ports = {port.name for port in equations.ports}
-    return tuple(signal for signal in equations.inputs if signal.name not in ports and signal.name not in RECORDED)
+    """Inputs that somebody moves: not those that are measured motion or air, which take the place of a port or of the attitude."""
+    others = {ATTITUDE, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenBeside) else ())}
+    return tuple(signal for signal in equations.inputs if signal.name not in others)
 
 
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:

@@ -76,8 +76,8 @@ def applies(effect: Effect, equations: Equations) -> bool:
     inputs, outputs = {signal.name for signal in equations.inputs}, {signal.name for signal in equations.outputs}
     ports, states = {port.name for port in equations.ports}, {signal.name for signal in equations.states}
     # Of several inputs each has its own instance, which its label names.
-    plain = isinstance(effect, OnSignal) and getattr(effect, "label", effect.signal) == ""
-    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and not (plain and len(controls(equations)) > 1))
+    whose = not isinstance(effect, OnSignal) or len(controls(equations)) == 1 or getattr(effect, "label", effect.signal) != ""
+    fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
     read = not isinstance(effect, OnChannel) or effect.channel in outputs
     able = ports.issuperset(ports_needed(effect)) and states.issuperset(rates_read_by(effect))
     return fed and read and able and {*equations.parameter_names}.issuperset(constants_needed(effect))

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations
 
 import pytest
 
-from sim.declaration.effect import Effect, Station
+from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.control_unevenness import ControlUnevenness
 from sim.effects.library import effects_for, guards_for
 from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.short_period import ShortPeriod
 from tests.offered import ALL_VEHICLES, WHOLE_AXES, stem
 
 ON_INPUTS = {
@@ -92,3 +93,11 @@ def test_effects_speak_of_each_other_by_the_names_that_are_offered(vehicle: Equa
             assert other in names or other not in labelled, f"{effect.name} speaks of {other}"
             if ":" in effect.name and ":" in other and stem(effect) in ON_INPUTS and other in names:
                 assert other.partition(":")[2] == effect.name.partition(":")[2]
+
+
+def test_measured_motion_among_the_inputs_changes_no_name() -> None:
+    """An airspeed or an attitude that is measured takes the place of a port or a state; it is no second control."""
+    rigid = ShortPeriod()
+    measured = (*(port for port in rigid.ports if port.name in ("airspeed_change", "density_change")), Signal("theta", "rad", "recorded"))
+    assert len(measured) == 3
+    assert effects_for(replace(rigid, inputs=(*rigid.inputs, *measured))) == effects_for(rigid)

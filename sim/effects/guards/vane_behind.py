@@ -23,13 +23,14 @@ class VaneBehind:
     Attributes
     ----------
     channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's share. accelerometer : the channel of the
-        one that reads alike.
+        one that reads alike. speed : the constant that is the declared airspeed, for equations without an airspeed of the time.
     """
 
     channel: str = "alpha"
     rate: str = "q"
     sign: float = 1.0
     accelerometer: str = "nz"
+    speed: str = "airspeed"
 
     name: ClassVar[str] = "guard:vane-behind"
     station: ClassVar[Station] = Station.SENSOR_PATH
@@ -43,6 +44,10 @@ class VaneBehind:
     )
 
     @property
+    def needs_constants(self) -> tuple[str, ...]:
+        return (self.speed,)
+
+    @property
     def aliases(self) -> tuple[str, ...]:
         return (f"accelerometer-offset:{self.accelerometer}",)
 
@@ -54,7 +59,8 @@ class VaneBehind:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {self.channel: y[self.channel] + self.sign * p.arm / s.V * getattr(s, self.rate)}
+        V = s.V if hasattr(s, "V") else getattr(vehicle, self.speed)
+        return {self.channel: y[self.channel] + self.sign * p.arm / V * getattr(s, self.rate)}
 
 
-GUARDS: tuple[Traceable, ...] = (VaneBehind(), VaneBehind("beta", "r", -1.0, "ny"))
+GUARDS: tuple[Traceable, ...] = (VaneBehind(), VaneBehind("beta", "r", -1.0, "ny"), VaneBehind(speed="reference_airspeed"))

@@ -27,7 +27,6 @@ class LongitudinalFlight:
     name: str = "rigid"
     states: tuple[Signal, ...] = (*BASE.states, Signal("theta", "rad", "pitch angle above trim"), Signal("speed", "m/s", "airspeed above the start"))
     inputs: tuple[Signal, ...] = (*BASE.inputs, Signal("updraft", "m/s", "gust, up"), Signal("thrust", "m/s2", "thrust above drag over mass"))
-    controls: tuple[str, ...] = ("elevator",)
     outputs: tuple[Signal, ...] = (
         *BASE.outputs,
         Signal("theta", "rad", "pitch angle"),
@@ -35,6 +34,7 @@ class LongitudinalFlight:
         Signal("dynamic_pressure", "Pa", "dynamic pressure"),
         Signal("ax", "m/s2", "specific force along the body, forward"),
     )
+    no_controls: tuple[str, ...] = ("updraft", "thrust")
     ports: tuple[Signal, ...] = BASE.ports
     parameter_names: tuple[str, ...] = (*BASE.parameter_names, "gravity", "trim_lift", "trim_alpha")
 
