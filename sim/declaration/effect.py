@@ -203,6 +203,14 @@ class ReadsRates(Protocol):
 
 
 @runtime_checkable
+class ReadsStates(Protocol):
+    """Reads states of the equations, named in ``states_read``, beside what it acts on: on a vehicle without them it is not offered."""
+
+    @property
+    def states_read(self) -> Sequence[str]: ...
+
+
+@runtime_checkable
 class Ranked(Protocol):
     """Has a place among the effects of its station, see ``in_order``."""
 
@@ -239,6 +247,11 @@ def constants_needed(effect: object) -> Sequence[str]:
 def rates_read_by(effect: object) -> Sequence[str]:
     """Names of the states whose rates an effect reads; none where it does not say."""
     return effect.rates_read if isinstance(effect, ReadsRates) else ()
+
+
+def states_read_by(effect: object) -> Sequence[str]:
+    """Names of the states that an effect reads; none where it does not say."""
+    return effect.states_read if isinstance(effect, ReadsStates) else ()
 
 
 def in_order(effects: Sequence[Any]) -> list[Any]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from itertools import combinations
 
 import pytest
 
+from sim.declaration import own_model
 from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Traceable
@@ -101,3 +103,22 @@ def test_measured_motion_among_the_inputs_changes_no_name() -> None:
     measured = (*(port for port in rigid.ports if port.name in ("airspeed_change", "density_change")), Signal("theta", "rad", "recorded"))
     assert len(measured) == 3
     assert effects_for(replace(rigid, inputs=(*rigid.inputs, *measured))) == effects_for(rigid)
+
+
+def test_a_vane_is_offered_only_where_there_is_the_rate_that_it_feels() -> None:
+    def offered(states: Mapping[str, str]) -> set[str]:
+        equations = own_model(
+            name="turning",
+            states=states,
+            inputs={"d": "rad"},
+            outputs={"alpha": "rad"},
+            constants={"airspeed": (50.0, "m/s")},
+            parameters={"a": (-1.0, "1/s"), "b": (1.0, "1/s")},
+            rates=lambda s, p: {name: p.a * getattr(s, name) + p.b * s.d for name in states},
+            readings=lambda s, p: {"alpha": s.alpha},
+        ).equations
+        return {effect.name for effect in (*effects_for(equations), *guards_for(equations))}
+
+    both = {"vane-offset", "guard:vane-behind"}
+    assert not both & offered({"alpha": "rad"})
+    assert both <= offered({"alpha": "rad", "q": "rad/s"})

@@ -48,6 +48,10 @@ class VaneBehind:
         return (self.speed,)
 
     @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
     def aliases(self) -> tuple[str, ...]:
         return (f"accelerometer-offset:{self.accelerometer}",)
 

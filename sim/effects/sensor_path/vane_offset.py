@@ -53,6 +53,10 @@ class VaneOffset:
         return (self.speed,)
 
     @property
+    def states_read(self) -> tuple[str, ...]:
+        return (self.rate,)
+
+    @property
     def aliases(self) -> tuple[str, ...]:
         return (f"sensor-lag:{self.channel}", f"sensor-delay:{self.channel}", self._accelerometer)
 
