@@ -37,6 +37,8 @@ def true_model(flight: Flight) -> Model:
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
     """A built-in vehicle with so many of its elastic modes."""
     data = read_parameter_set(vehicle)
+    if modes and not data.modes:
+        raise DeclarationError(f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none")
     if data.equations == "ballistic":
         return ballistic_model(data, noise)
     if data.equations in WHOLE_AXES:

@@ -51,14 +51,14 @@ def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str]
     return out
 
 
-def density(name: str, value: Quantity, where: str) -> float:
+def density(name: str, value: Quantity, where: str, model: str = "") -> float:
     """A spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
     if not isinstance(value, str):
         return _not_negative(float(value), where)
     number, unit = _parts(value, where)
     if not unit.endswith("/s"):
         raise DeclarationError(f"unit {unit!r} is no spectral density", where=where, remedy='write for example "57 (lb/ft2)^2/s"')
-    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), unit_of(name), where, DeclarationError))
+    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), unit_of(name, model), where, DeclarationError))
     return _not_negative(number, where) * factor**2
 
 

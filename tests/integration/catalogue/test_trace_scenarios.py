@@ -156,6 +156,14 @@ def test_wrong_declarations_are_told(change: str, told: str) -> None:
         fly_trace(scenario("trace-delay", change), 1)
 
 
+def test_a_late_rudder_is_told_from_the_ailerons() -> None:
+    study = run_trace(scenario("trace-lateral-rudder"))
+    assert study.grade is Grade.RIGHT
+    (delay,) = study.effects
+    assert delay.name == "input-delay:rudder.delay" and abs(delay.after.value - 0.07) < 0.002
+    assert {row.name for row in study.derivatives} == set(study.flown.derivatives)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_loop_finds_what_is_hidden(name: str) -> None:
