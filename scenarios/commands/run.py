@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.commands.failures import named_after
+from scenarios.commands.planted import simulate_trace
 from scenarios.commands.standin import simulate_standin
 from sim.errors import DeclarationError, FlightidError
 
@@ -143,8 +144,9 @@ def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
     try:
-        if scenario_kind(name) == "standin":
-            simulate_standin(name, out, seed, changes)
+        whole = {"standin": simulate_standin, "trace": simulate_trace}.get(scenario_kind(name))
+        if whole is not None:
+            whole(name, out, seed, changes)
             return
         record = _record(name, seed, changes)
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -7,8 +7,9 @@ condition, modal frequencies) come from its data file, every derivative from the
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from sim.vehicles.factory import (
     MODE_CONSTANTS,
     RIGID_CONSTANTS,
     RIGID_DERIVATIVES,
+    WHOLE_AXES,
     mode_parameter,
     mode_units,
     model_from_constants,
@@ -37,6 +39,26 @@ from sim.vehicles.factory import (
 from sim.vehicles.library import read_parameter_set
 
 FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
+
+
+class _Kind(NamedTuple):
+    """Names that equations know: their constants, the derivatives that must be declared, those that may be left out, the states."""
+
+    constants: Collection[str]
+    needed: Collection[str]
+    optional: Collection[str]
+    states: Collection[str]
+
+
+_KINDS = {
+    "rigid": _Kind(RIGID_CONSTANTS, RIGID_DERIVATIVES, (), ("alpha", "q")),
+    "ballistic": _Kind(BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES, (), ("altitude", "velocity")),
+    # A whole axis holds at zero what it is not given, which tells no truth.
+    **{
+        name: _Kind(constants, (), derivatives, tuple(signal.name for signal in equations.states))
+        for name, (equations, constants, derivatives) in WHOLE_AXES.items()
+    },
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +77,7 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     ------
     DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name that is unknown.
     """
-    kind = "ballistic" if estimation.model == "ballistic" else "rigid"
+    kind = _kind(estimation)
     place = f"estimation {estimation.name}"
     values = {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
     _only_declared(estimation, kind, values, place)
@@ -75,7 +97,7 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
 def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
     """The numbers of a built-in vehicle that an estimator may know: no derivative among them."""
     data = read_parameter_set(vehicle)
-    names = list(BALLISTIC_CONSTANTS if estimation.model == "ballistic" else RIGID_CONSTANTS)
+    names = list(_KINDS[_kind(estimation)].constants)
     names += [mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS]
     return {name: data[name].value for name in names}
 
@@ -138,11 +160,15 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
     return estimate
 
 
+def _kind(estimation: Estimation) -> str:
+    return "rigid" if estimation.model == "flexible" else estimation.model
+
+
 def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float], place: str) -> None:
     """Refuse a derivative without a declared value: a default would be the truth's."""
-    needed = list(BALLISTIC_DERIVATIVES if kind == "ballistic" else RIGID_DERIVATIVES)
+    needed = _KINDS[kind].needed
     modal = [name for name, _, must in mode_units(estimation.modes) if must and not name.startswith(tuple(MODE_CONSTANTS))]
-    known = {*needed, *modal, *(name for name, _, _ in mode_units(estimation.modes))}
+    known = {*needed, *_KINDS[kind].optional, *modal, *(name for name, _, _ in mode_units(estimation.modes))}
     for name in (*needed, *modal):
         if name not in values:
             raise DeclarationError(f"{name} has no starting value", where=f"{place}, key start", remedy="give it under start, or under held")
@@ -159,8 +185,7 @@ def _only_declared(estimation: Estimation, kind: str, values: Mapping[str, float
 
 
 def _base_states(kind: str, initial: Mapping[str, float]) -> dict[str, float]:
-    names = ("altitude", "velocity") if kind == "ballistic" else ("alpha", "q")
-    return {name: value for name, value in initial.items() if name in names}
+    return {name: value for name, value in initial.items() if name in _KINDS[kind].states}
 
 
 def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> ParameterSet:

@@ -16,7 +16,7 @@ from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
-from sim.vehicles.factory import ballistic_model, flexible_model, rigid_model
+from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
 from sim.vehicles.library import read_parameter_set
 
 STEPS = {"rk4": rk4_step, "euler": euler_step}
@@ -37,8 +37,12 @@ def true_model(flight: Flight) -> Model:
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
     """A built-in vehicle with so many of its elastic modes."""
     data = read_parameter_set(vehicle)
+    if modes and not data.modes:
+        raise DeclarationError(f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none")
     if data.equations == "ballistic":
         return ballistic_model(data, noise)
+    if data.equations in WHOLE_AXES:
+        return whole_axis_model(data, noise)
     return flexible_model(data, modes, noise) if modes else rigid_model(data, noise)
 
 

@@ -19,34 +19,46 @@ UNITS = {
     "velocity": "m/s",
     "elevator": "rad",
     "beta": "kg/m2",
+    "p": "rad/s",
+    "r": "rad/s",
+    "phi": "rad",
+    "ny": "g",
+    "aileron": "rad",
+    "rudder": "rad",
+    "airspeed": "m/s",
+    "theta": "rad",
+    "nx": "g",
+    "thrust": "N",
 }
+# A falling body's beta is its ballistic coefficient, an aircraft's its sideslip.
+OWN_UNITS = {"lateral": {"beta": "rad"}}
 
 
-def unit_of(name: str) -> str:
-    """The SI unit of what a scenario gives under a name; 1 for a coefficient."""
-    return UNITS.get(name, "1")
+def unit_of(name: str, model: str = "") -> str:
+    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its own; 1 for a coefficient."""
+    return OWN_UNITS.get(model, {}).get(name) or UNITS.get(name, "1")
 
 
-def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str) -> dict[str, float]:
-    """Noise by output, SI, from standard deviations and variances."""
+def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str = "") -> dict[str, float]:
+    """Noise by output of a model, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
-        out[name] = positive(si(value, unit_of(name), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
+        out[name] = positive(si(value, unit_of(name, model), f"{where}.noise_std.{name}"), f"{where}.noise_std.{name}")
     for name, text in variance.items():
         key = f"{where}.noise_variance.{name}"
         number, unit = _parts(text, key)
-        out[name] = math.sqrt(positive(number, key)) * float(to_si(1.0, _root(unit, key), unit_of(name), key, DeclarationError))
+        out[name] = math.sqrt(positive(number, key)) * float(to_si(1.0, _root(unit, key), unit_of(name, model), key, DeclarationError))
     return out
 
 
-def density(name: str, value: Quantity, where: str) -> float:
+def density(name: str, value: Quantity, where: str, model: str = "") -> float:
     """A spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
     if not isinstance(value, str):
         return _not_negative(float(value), where)
     number, unit = _parts(value, where)
     if not unit.endswith("/s"):
         raise DeclarationError(f"unit {unit!r} is no spectral density", where=where, remedy='write for example "57 (lb/ft2)^2/s"')
-    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), unit_of(name), where, DeclarationError))
+    factor = float(to_si(1.0, _root(unit.removesuffix("/s"), where), unit_of(name, model), where, DeclarationError))
     return _not_negative(number, where) * factor**2
 
 

@@ -62,7 +62,7 @@ class _Published(_Strict):
 class _Estimate(_Strict):
     name: Name = "main"
     label: str = ""
-    model: Literal["rigid", "flexible", "ballistic"]
+    model: Literal["rigid", "flexible", "ballistic", "lateral", "longitudinal"]
     modes: int = Field(default=0, ge=0)
     outputs: list[str] = Field(min_length=1)
     method: Literal["ekf", "ukf", "output-error", "equation-error"] = "ekf"
@@ -120,7 +120,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
                 f"the name {method.name!r} is taken", where=f"{where}, key methods[{number}].name", remedy="give each method a name of its own"
             )
         mains.append(_estimation(method, method.name, where))
-    flight = _flight(content.flight, where)
+    flight = _flight(content.flight, content.estimate.model, where)
     return Scenario(
         name,
         content.title,
@@ -134,7 +134,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     )
 
 
-def _flight(flight: _Flight, where: str) -> Flight:
+def _flight(flight: _Flight, model: str, where: str) -> Flight:
     place = f"{where}, key flight"
     rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return Flight(
@@ -142,11 +142,11 @@ def _flight(flight: _Flight, where: str) -> Flight:
         positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration"),
         rate,
         maneuver_plans(flight.maneuvers, place),
-        standard_deviations(flight.noise_std, flight.noise_variance, place),
+        standard_deviations(flight.noise_std, flight.noise_variance, place, model),
         flight.modes,
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
-        {name: density(name, value, f"{place}.process_noise.{name}") for name, value in flight.process_noise.items()},
+        {name: density(name, value, f"{place}.process_noise.{name}", model) for name, value in flight.process_noise.items()},
     )
 
 
@@ -164,19 +164,20 @@ def maneuver_plans(maneuvers: Sequence[Maneuver], place: str) -> tuple[ManeuverP
 
 def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
     place = f"{where}, key {'estimate' if name == 'main' else f'methods {name}'}"
+    model = estimate.model
     published = PublishedChoice(estimate.published.file, estimate.published.table, estimate.published.column) if estimate.published else None
     return Estimation(
         name=name,
         label=estimate.label or name,
-        model=estimate.model,
+        model=model,
         outputs=tuple(estimate.outputs),
-        start={key: _start(key, value, f"{place}.start.{key}") for key, value in estimate.start.items()},
-        initial={key: _start(key, value, f"{place}.initial.{key}") for key, value in estimate.initial.items()},
+        start={key: _start(key, value, f"{place}.start.{key}", model) for key, value in estimate.start.items()},
+        initial={key: _start(key, value, f"{place}.initial.{key}", model) for key, value in estimate.initial.items()},
         method=estimate.method,
         modes=estimate.modes,
-        held={key: si(value, unit_of(key), f"{place}.held.{key}") for key, value in estimate.held.items()},
-        noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place),
-        process_noise={key: density(key, value, f"{place}.process_noise.{key}") for key, value in estimate.process_noise.items()},
+        held={key: si(value, unit_of(key, model), f"{place}.held.{key}") for key, value in estimate.held.items()},
+        noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place, model),
+        process_noise={key: density(key, value, f"{place}.process_noise.{key}", model) for key, value in estimate.process_noise.items()},
         integration=estimate.integration,
         terms=estimate.terms,
         max_step=math.inf if estimate.max_step is None else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
@@ -185,12 +186,12 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
         spread=math.inf if estimate.spread is None else estimate.spread,
         explanation=" ".join(estimate.explanation.split()),
         published=published,
-        flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place),
+        flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
     )
 
 
-def _start(name: str, spread: _Spread, where: str) -> Start:
-    std = si(spread.std, unit_of(name), f"{where}.std")
+def _start(name: str, spread: _Spread, where: str, model: str) -> Start:
+    std = si(spread.std, unit_of(name, model), f"{where}.std")
     if not std > 0:
         raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")
-    return Start(si(spread.value, unit_of(name), f"{where}.value"), std)
+    return Start(si(spread.value, unit_of(name, model), f"{where}.value"), std)

@@ -20,6 +20,7 @@ class HalfSineGust:
     name: ClassVar[str] = "own:half-sine-gust"
     station: ClassVar[Station] = Station.DISTURBANCE
     needs: ClassVar[tuple[str, ...]] = ("gust",)
+    needs_constants: ClassVar[tuple[str, ...]] = ("airspeed",)
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("peak", 3.0, "m/s"),
         Parameter("start", 2.0, "s"),

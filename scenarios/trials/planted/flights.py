@@ -16,8 +16,13 @@ from sim.errors import DeclarationError
 from sim.maneuvers.steps import Sum
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
-from sim.vehicles.factory import BALLISTIC_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
+from sim.vehicles.factory import BALLISTIC_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS, WHOLE_AXES
 
+CONSTANTS = {
+    **{"ballistic": tuple(BALLISTIC_CONSTANTS), "loes": ("airspeed", "gravity", "vane_arm")},
+    **{"rigid": tuple(RIGID_CONSTANTS), "flexible": tuple(RIGID_CONSTANTS)},
+    **{name: tuple(constants) for name, (_, constants, _) in WHOLE_AXES.items()},
+}
 FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 
@@ -63,7 +68,7 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
     """Parameters that the declared model has: a rigid one those without a mode."""
     if scenario.model == "flexible":
         return set(names)
-    return {name for name in names if "eta" not in name or name == "beta"}
+    return {name for name in names if not _mode_of(name)}
 
 
 def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> Record:
@@ -110,8 +115,7 @@ def _vehicle_text(scenario: TraceScenario, values: Mapping[str, float], derivati
         raise DeclarationError(what, where=f"{scenario.name}, key estimate.start", remedy=f"use {', '.join(derivatives)}")
     started = {name: value * (1.0 + scenario.wrong * (-1.0) ** i) for i, (name, value) in enumerate(derivatives.items())}
     started |= dict(scenario.start)
-    constants = {"ballistic": tuple(BALLISTIC_CONSTANTS), "loes": ("airspeed", "gravity", "vane_arm")}.get(scenario.model, tuple(RIGID_CONSTANTS))
-    lines = [f'name = "{scenario.flight.vehicle}"', *(f"{name} = {values[name]!r}" for name in constants)]
+    lines = [f'name = "{scenario.flight.vehicle}"', *(f"{name} = {values[name]!r}" for name in CONSTANTS[scenario.model])]
     modal = {name: number for name in started if (number := _mode_of(name))}
     lines += ["[derivatives]", *(f"{name} = {value!r}" for name, value in started.items() if name not in modal)]
     for number in sorted(set(modal.values())):
@@ -124,7 +128,8 @@ def _mode_of(name: str) -> int:
     """Number of the elastic mode that a derivative belongs to, 0 for a rigid one: ``CL_eta1``, ``Ceta1_q``."""
     if name.startswith("Ceta"):
         return int(name[4 : name.index("_")])
-    return int("".join(c for c in name if c.isdigit())) if "eta" in name and name != "beta" else 0
+    digits = "".join(c for c in name if c.isdigit())
+    return int(digits) if "_eta" in name and digits else 0
 
 
 def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:

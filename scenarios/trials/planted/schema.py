@@ -47,7 +47,7 @@ class _Hidden(_Strict):
 
 
 class _Estimate(_Strict):
-    model: Literal["ballistic", "rigid", "flexible", "loes"]
+    model: Literal["ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal"]
     wrong: float = Field(default=0.3, ge=0, lt=1)
     start: dict[str, float] = {}
     effort: Literal["normal", "thorough"] = "normal"
@@ -95,7 +95,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
             _record(flight.train, f"{where}, key flight.train"),
             _record(flight.validate_, f"{where}, key flight.validate"),
             hidden,
-            standard_deviations(flight.noise_std, flight.noise_variance, f"{where}, key flight"),
+            standard_deviations(flight.noise_std, flight.noise_variance, f"{where}, key flight", content.estimate.model),
             positive(si(flight.rate, "1/s", f"{where}, key flight.rate", {"hz": "1/s"}), f"{where}, key flight.rate"),
             positive(si(flight.step, "s", f"{where}, key flight.step"), f"{where}, key flight.step"),
             flight.modes,

@@ -17,7 +17,10 @@ from scenarios.studies.flying import DISTANCES, true_model
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.published import published_values
 from scenarios.studies.study import MethodResult, Study, assumed_noise, run_scenario
+from sim.errors import DeclarationError
+from sim.vehicles.factory import WHOLE_AXES
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.linear import linearise
 from tests.oracles.cramer_rao import bound, fall_outputs, short_period_outputs
 from tests.repeated import repeat
 
@@ -31,6 +34,8 @@ EXPECTED = {
     "flexible-ac2-equivalent",
     "flexible-ac1-first-mode",
     "flexible-ac2-first-mode",
+    "lateral",
+    "longitudinal",
 }
 POUND_PER_SQUARE_FOOT = 4.882427636
 every_scenario = pytest.mark.parametrize("name", scenario_names("identification"))
@@ -86,6 +91,9 @@ def test_results_are_explained_and_own_choices_are_named(name: str) -> None:
 def test_published_columns_exist_and_are_in_the_parameters_units(name: str) -> None:
     scenario = load_scenario(name)
     for estimation in scenario.estimations:
+        if estimation.model in WHOLE_AXES:
+            assert estimation.published is None, "no paper has printed this flight"
+            continue
         assert estimation.published is not None
         found = published_values(estimation.published, {"beta": "kg/m2"})
         assert set(found) == set(estimation.start)
@@ -98,12 +106,32 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
         assert not estimation.noise_std
 
 
-@pytest.mark.parametrize("name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b"])
+@pytest.mark.parametrize("name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b", *WHOLE_AXES])
 def test_main_result_is_within_three_sigma_of_the_truth(name: str) -> None:
     assert study(name).main.result.estimate.outcome.code == "converged"
     for row in study(name).main.rows:
         assert row.sigmas is not None
         assert abs(row.sigmas) < 3, row
+
+
+def test_elastic_modes_of_a_rigid_set_are_refused() -> None:
+    for name in WHOLE_AXES:
+        with pytest.raises(DeclarationError, match="elastic modes asked for"):
+            run_scenario(load_scenario(name, ["flight.modes=1"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "about", "modes"),
+    [("lateral", {}, ("dutch_roll",)), ("longitudinal", {"airspeed": 53.6448, "thrust": 1506.6}, ("phugoid", "short_period"))],
+)
+def test_a_whole_axis_has_the_oscillations_of_its_true_derivatives(name: str, about: dict[str, float], modes: tuple[str, ...]) -> None:
+    main, truth = study(name).main, true_model(study(name).scenario.flight)
+    assert {row.name for row in main.rows} == set(truth.parameters.free_names), "biases are no rows"
+    found = np.linalg.eigvals(linearise(truth, about=about).A)
+    for mode, root in zip(modes, sorted((root for root in found if root.imag > 0), key=abs), strict=True):
+        for key, told in ((f"{mode}_frequency", abs(root)), (f"{mode}_damping", -root.real / abs(root))):
+            value, sigma = main.derived[key]
+            assert abs(value - told) < 3.0 * sigma, key
 
 
 def test_rigid_is_right_where_the_paper_is_many_of_its_sigmas_off() -> None:

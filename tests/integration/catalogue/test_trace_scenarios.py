@@ -11,17 +11,27 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document, load_scenario, scenario_kind, scenario_names, scenario_text
+from scenarios.studies.flying import vehicle_model
+from scenarios.studies.quantities import unit_of
 from scenarios.trials.planted.declaration import Expectation, TraceScenario
 from scenarios.trials.planted.flights import fly_trace, write_flown
 from scenarios.trials.planted.hiding import OWN, own_terms
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, grade, run_trace
+from sim.declaration.model import Noise
 from sim.effects.library import effect_names
 from sim.errors import DeclarationError
 from tests.diagnoses import tracing_of
 
 NAMES = scenario_names("trace")
 EXPECTED = {"elastic", "breakout", "density", "drag", "delay", "vane", "turbulence", "pair", "other-form", "outside", "nothing", "flexible"}
+LATERAL = {"lateral-rudder", "lateral-vane", "lateral-backlash", "lateral-gust"}
+LONGITUDINAL = {"longitudinal-thrust", "longitudinal-pitot", "longitudinal-drag", "longitudinal-wind"}
+HEADERS = {
+    "lateral": {"time", "aileron", "rudder", "beta", "p", "r", "phi", "ny"},
+    "longitudinal": {"time", "elevator", "thrust", "airspeed", "alpha", "theta", "q", "nz", "nx"},
+}
+USUAL_HEADER = {"time", "elevator", "stick", "alpha", "q", "nz", "altitude"}
 
 
 def scenario(name: str, *changes: str) -> TraceScenario:
@@ -29,7 +39,7 @@ def scenario(name: str, *changes: str) -> TraceScenario:
 
 
 def test_the_kinds_of_the_catalogue() -> None:
-    assert {f"trace-{name}" for name in EXPECTED} <= set(NAMES)
+    assert {f"trace-{name}" for name in EXPECTED | LATERAL | LONGITUDINAL} <= set(NAMES)
     assert set(scenario_names("identification")).isdisjoint(NAMES)
     assert all(scenario_kind(name) == "trace" for name in NAMES)
     with pytest.raises(DeclarationError, match="kind 'trace'"):
@@ -57,12 +67,37 @@ def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
     flown = fly_trace(replace(whole, flight=replace(whole.flight, step=0.01, train=first, validate=second)), 1)
     train, validate, vehicle = write_flown(flown, tmp_path)
     header = train.read_text().splitlines()[0].split(",")
-    assert set(header) <= {"time", "elevator", "stick", "alpha", "q", "nz", "altitude"}
+    assert set(header) <= HEADERS.get(whole.model, USUAL_HEADER)
     assert not np.array_equal(flown.train.output_array()[0], flown.validate.output_array()[0])
     text = vehicle.read_text()
     for key, value in flown.derivatives.items():
         assert f"{key} = {value!r}\n" not in text, "the file starts at the truth"
     assert validate.is_file()
+
+
+@pytest.mark.parametrize("name", sorted(LATERAL | LONGITUDINAL))
+def test_what_is_hidden_acts_and_every_input_moves(name: str) -> None:
+    whole = scenario(f"trace-{name}")
+    coarse = replace(whole, flight=replace(whole.flight, step=0.02))
+    flown, bare = fly_trace(coarse, 1), fly_trace(replace(coarse, flight=replace(coarse.flight, hidden=())), 1)
+    for record, without in ((flown.train, bare.train), (flown.validate, bare.validate)):
+        assert all(np.ptp(channel.values) > 0 for channel in record.inputs)
+        assert {channel.name for channel in (*record.inputs, *record.outputs)} == HEADERS[whole.model] - {"time"}
+        misfit = record.output_array()[0] - without.output_array()[0]
+        sigma = np.array([[flown.noise_std[channel.name]] for channel in record.outputs])
+        # The noise is the same, so that what differs is what is hidden; its log likelihood is half of this.
+        assert np.sum((misfit / sigma) ** 2) > 100.0
+        assert np.max(np.abs(misfit / sigma)[:, record.time < 0.5]) < 1.0, "both begin alike, before anything moves"
+    free = vehicle_model(whole.flight.vehicle, 0, Noise()).parameters.free_names
+    assert len(free) > 8 and set(flown.derivatives) == set(free), "a sideslip derivative is none of an elastic mode"
+    for plan in (whole.flight.train, whole.flight.validate):
+        times = [maneuver.numbers[key] * whole.flight.rate for maneuver in plan.maneuvers for key in ("start", "unit") if key in maneuver.numbers]
+        assert times == pytest.approx(np.round(times)), "a switch between two samples would be recorded late"
+
+
+def test_sideslip_is_an_angle_and_no_ballistic_coefficient() -> None:
+    assert scenario("trace-lateral-vane").flight.noise_std["beta"] == pytest.approx(np.deg2rad(0.1))
+    assert unit_of("beta") == "kg/m2" and unit_of("beta", "lateral") == "rad" and unit_of("p", "lateral") == "rad/s"
 
 
 def test_a_study_is_written_with_truth_before_and_after(tmp_path: Path) -> None:
@@ -119,6 +154,14 @@ def test_grades() -> None:
 def test_wrong_declarations_are_told(change: str, told: str) -> None:
     with pytest.raises(DeclarationError, match=told):
         fly_trace(scenario("trace-delay", change), 1)
+
+
+def test_a_late_rudder_is_told_from_the_ailerons() -> None:
+    study = run_trace(scenario("trace-lateral-rudder"))
+    assert study.grade is Grade.RIGHT
+    (delay,) = study.effects
+    assert delay.name == "input-delay:rudder.delay" and abs(delay.after.value - 0.07) < 0.002
+    assert {row.name for row in study.derivatives} == set(study.flown.derivatives)
 
 
 @pytest.mark.slow

@@ -265,3 +265,12 @@ def test_effects_and_vehicles_are_shown(flightid: CommandLine) -> None:
     assert "288017 lb" in flightid.done("vehicles", "bomber_rigid")
     difference = flightid.done("vehicles", "bomber_ac1", "--diff", "bomber_rigid")
     assert "omega1" in difference and "wing_area" not in difference
+
+
+def test_simulate_writes_what_the_loop_is_given(flightid: CommandLine, tmp_path: Path) -> None:
+    shorter = ("--set", "flight.train.duration=3", "--set", "flight.validate.duration=2", "--set", "flight.step=0.01")
+    printed = flightid.done("simulate", "trace-longitudinal-thrust", *shorter, "--out", tmp_path / "flight.csv")
+    assert "flight_validate.csv" in printed and "flight_vehicle.toml" in printed
+    assert {"flight.csv", "flight_validate.csv", "flight_vehicle.toml"} <= set(contents(tmp_path))
+    assert (len(read_record(tmp_path / "flight.csv")), len(read_record(tmp_path / "flight_validate.csv"))) == (76, 51)
+    assert flightid.done("check", tmp_path / "flight.csv", "--vehicle", tmp_path / "flight_vehicle.toml")

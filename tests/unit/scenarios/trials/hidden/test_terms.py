@@ -16,9 +16,12 @@ from sim.declaration.model import Model, Noise
 from sim.effects.library import applies
 from sim.maneuvers.steps import doublet
 from sim.truth.flight import fly, sample_times
+from sim.vehicles.factory import model_of
+from sim.vehicles.library import read_parameter_set
 
 TERMS = own_terms()
 MODELS: dict[str, Model] = {name: drawn_vehicle(name, np.random.default_rng(2))[1] for name in ("rigid", "loes", "ballistic")}
+MODELS["longitudinal"] = model_of(read_parameter_set("navion_longitudinal"))
 DYNAMIC = [name for name, term in TERMS.items() if hasattr(term, "increments")]
 
 
@@ -34,7 +37,7 @@ def motion(model: Model, duration: float = 2.0, step: float = 0.02) -> dict[str,
     """Outputs and time of a short flight without noise; a stick's doublet where there is one."""
     start = model.initial.with_values({"altitude": 50e3, "velocity": -1700.0}) if model.equations.name == "ballistic" else model.initial
     control = [signal.name for signal in model.equations.inputs]
-    size = 0.05 if control == ["elevator"] else 2.0
+    size = 0.05 if control[:1] == ["elevator"] else 2.0
     time = sample_times(50.0, duration)
     moved = {control[0]: doublet(size, 0.8, 0.5)} if control else None
     _, truth = fly(model.with_initial(start).with_noise(Noise()), moved, time, np.random.default_rng(0), step=step)
@@ -101,6 +104,12 @@ def test_drag_of_a_falling_body() -> None:
     )
     for speed, told in ((3.5 * 300.0, 0.0), (-(3.5 + 0.8) * 300.0, 0.3 / math.sqrt(2.0))):
         assert increments("own:mach-drag", {"velocity": speed}, size=0.3, middle=3.5, width=0.8)["log_drag"] == pytest.approx(told)
+
+
+def test_drag_outside_of_the_bucket() -> None:
+    for alpha, told in ((0.01, 0.0), (0.05, 0.015), (-0.07, 0.024), (100.0, 0.03)):
+        found = increments("own:drag-bucket", {"alpha_air": alpha}, depth=0.03, middle=0.01, width=0.04)
+        assert found == {"drag": pytest.approx(told, rel=1e-4)}
 
 
 def test_the_low_order_equivalent_loses_its_own_control_power() -> None:
