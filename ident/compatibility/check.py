@@ -10,7 +10,7 @@ import numpy as np
 from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
-from ident.compatibility.instruments import instruments_of
+from ident.compatibility.instruments import instruments_of, weigher
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
@@ -46,6 +46,13 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
     ------
     RecordError : a record with fewer than 20 samples, or numbers beyond all measure.
     """
+    try:
+        return _compatibility(records, settings, each=each)
+    finally:
+        weigher.cache_clear()  # it holds the records of this check
+
+
+def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
     for record in records:
         _refuse(record)
     channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))

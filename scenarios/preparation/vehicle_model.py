@@ -61,7 +61,7 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 def moves_about_rest(model: Model) -> bool:
     """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
-    return not is_own(model) or not np.any(model.initial.values())
+    return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:

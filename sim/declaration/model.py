@@ -63,6 +63,14 @@ class DrivenBeside(Protocol):
     def no_controls(self) -> tuple[str, ...]: ...
 
 
+@runtime_checkable
+class KnowingBiases(Protocol):
+    """Equations of which some outputs' biases are known beforehand: ``bias_priors``, standard deviation by output, where a record hardly tells."""
+
+    @property
+    def bias_priors(self) -> Mapping[str, float]: ...
+
+
 @dataclass(frozen=True)
 class Noise:
     """What is random in a model.
@@ -171,11 +179,12 @@ class Model:
         return replace(self, effects=tuple(effect for effect in self.effects if effect.name != name), parameters=kept)
 
     def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
-        """The same model with one free constant bias on each of the named outputs."""
+        """The same model with one free constant bias on each of the named outputs; what the equations know of one is its prior."""
         units = {signal.name: signal.unit for signal in self.equations.outputs}
         new = [name for name in outputs if name not in self.biases]
         for name in new:
             if name not in units:
                 raise ModelError(f"there is no output {name!r}", where=f"model {self.name}", remedy=f"its outputs are {', '.join(units)}")
-        added = [Parameter(f"bias_{name}", 0.0, units[name], prior_std=prior_std) for name in new]
+        known = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
+        added = [Parameter(f"bias_{name}", 0.0, units[name], prior_std=min(prior_std, known.get(name, math.inf))) for name in new]
         return replace(self, biases=(*self.biases, *new), parameters=self.parameters.joined(added))

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sim.declaration.effect import Signal
+from sim.declaration.effect import OnChannel, OnSignal, Signal, ports_needed
 from sim.declaration.model import Containing, DrivenBeside, Equations
+from sim.declaration.own_equations import OwnEquations
 
-KNOWN_INPUTS, KNOWN_OUTPUTS = ("elevator", "stick"), ("alpha", "q", "nz", "altitude")  # their instances stand in the effects' own files
+# Name and unit of those whose instances stand in the effects' own files.
+KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
+KNOWN_OUTPUTS = {("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("altitude", "m")}
+PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}  # as the effects count what comes in there
 ATTITUDE = "theta"  # where it is an input it was measured, as an airspeed that is a port
 # Ports through which the air comes in; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
@@ -27,7 +31,8 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
     """Inputs that somebody moves: not those that are measured motion or air, which take the place of a port or of the attitude."""
-    others = {ATTITUDE, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenBeside) else ())}
+    attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
+    others = {*attitude, *(port.name for port in equations.ports), *(equations.no_controls if isinstance(equations, DrivenBeside) else ())}
     return tuple(signal for signal in equations.inputs if signal.name not in others)
 
 
@@ -38,12 +43,12 @@ def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
         return ()
     moved = controls(equations)
     several = len(moved) > 1
-    return tuple((signal, signal.name if several else "") for signal in moved if several or signal.name not in KNOWN_INPUTS)
+    return tuple((signal, signal.name if several else "") for signal in moved if several or (signal.name, signal.unit) not in KNOWN_INPUTS)
 
 
 def further_outputs(equations: Equations) -> tuple[Signal, ...]:
     """Outputs that need instances of their own."""
-    return tuple(signal for signal in equations.outputs if signal.name not in KNOWN_OUTPUTS)
+    return tuple(signal for signal in equations.outputs if (signal.name, signal.unit) not in KNOWN_OUTPUTS)
 
 
 def large_input(unit: str) -> float:
@@ -54,6 +59,21 @@ def large_input(unit: str) -> float:
 def has_size(unit: str) -> bool:
     """Whether it is known beforehand what is large in the unit of an input."""
     return unit in _LARGE_INPUT
+
+
+def has_output_size(unit: str) -> bool:
+    """Whether it is known beforehand what is large in the unit of an output."""
+    return unit in _LARGE_OUTPUT
+
+
+def in_its_unit(effect: object, equations: Equations) -> bool:
+    """Whether the input, output and ports that an effect acts on are counted in the units that it is written for."""
+    units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
+    name = effect.signal if isinstance(effect, OnSignal) else effect.channel if isinstance(effect, OnChannel) else ""
+    wanted = getattr(effect, "unit", units.get(name, ""))
+    ports = {port.name: port.unit for port in equations.ports}
+    through = all(ports.get(port) == PORT_UNITS[port] for port in ports_needed(effect) if port in PORT_UNITS)
+    return through and (name not in units or wanted == units[name])
 
 
 def large_output(unit: str) -> float:

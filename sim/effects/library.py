@@ -15,7 +15,7 @@ from sim.declaration.effect import Effect, OnChannel, OnSignal, Station, constan
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import controls
+from sim.effects.instances import controls, in_its_unit
 from sim.errors import ModelError
 
 
@@ -80,7 +80,7 @@ def applies(effect: Effect, equations: Equations) -> bool:
     fed = not isinstance(effect, OnSignal) or (effect.signal in inputs and whose)
     read = not isinstance(effect, OnChannel) or effect.channel in outputs
     able = ports.issuperset(ports_needed(effect)) and states.issuperset((*rates_read_by(effect), *states_read_by(effect)))
-    return fed and read and able and {*equations.parameter_names}.issuperset(constants_needed(effect))
+    return fed and read and able and in_its_unit(effect, equations) and {*equations.parameter_names}.issuperset(constants_needed(effect))
 
 
 def effect_names() -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.constants import G0
@@ -58,6 +59,9 @@ class Lateral:
         Signal("yaw", "1", "added yawing moment coefficient"),
     )
     parameter_names: tuple[str, ...] = (*LATERAL_CONSTANTS, *LATERAL_DERIVATIVES)
+
+    # rad: a gyro's alignment. A steady turn is next to a bank that is read wrong, with rates that are.
+    bias_priors: ClassVar[Mapping[str, float]] = MappingProxyType({"phi": 0.05})
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = plus(p.airspeed, s.airspeed_change)

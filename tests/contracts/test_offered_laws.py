@@ -12,7 +12,7 @@ import pytest
 from sim.declaration import own_model
 from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
-from sim.declaration.proposal import Traceable
+from sim.declaration.proposal import Fitted, SearchContext, Traceable
 from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.control_unevenness import ControlUnevenness
 from sim.effects.library import effects_for, guards_for
@@ -122,3 +122,29 @@ def test_a_vane_is_offered_only_where_there_is_the_rate_that_it_feels() -> None:
     both = {"vane-offset", "guard:vane-behind"}
     assert not both & offered({"alpha": "rad"})
     assert both <= offered({"alpha": "rad", "q": "rad/s"})
+
+
+def test_what_is_counted_in_another_unit_has_an_instance_in_that_unit() -> None:
+    """An elevator in degrees is no elevator in radians: limits and starts of the library's own instances would be 57 times too small."""
+    equations = own_model(
+        name="in degrees",
+        states={"alpha": "deg", "q": "deg/s"},
+        inputs={"elevator": "deg"},
+        outputs={"alpha": "deg", "q": "deg/s", "nz": "m/s2"},
+        ports={"gust": "m/s", "pressure": "Pa"},
+        parameters={"a": (-1.0, "1/s"), "b": (1.0, "1/s")},
+        rates=lambda s, p: {"alpha": p.a * (s.alpha + s.gust) + s.q, "q": p.b * s.elevator + s.pressure},
+        readings=lambda s, p: {"alpha": s.alpha, "q": s.q, "nz": p.a * s.alpha},
+    ).equations
+    offered = [effect for effect in effects_for(equations) if isinstance(effect, Traceable)]
+    units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
+    for effect in offered:
+        acts_on = getattr(effect, "signal", getattr(effect, "channel", ""))
+        assert getattr(effect, "unit", units.get(acts_on)) == units.get(acts_on), effect.name
+    found = {effect.name: effect for effect in offered}
+    assert "gust-discrete" not in found and "accelerometer-offset:nz" not in found
+    context = SearchContext(0.0, 10.0, 0.02, input_peak={"elevator": 8.0})
+    stop = found["actuator-saturation"]
+    assert isinstance(stop, Fitted) and stop.fitted_to(context).traits.plausible["limit"] == pytest.approx((0.4, 40.0))
+    assert found["unmeasured-input"].traits.plausible == {} and found["sensor-step:nz"].traits.plausible != {}
+    assert found["sensor-step:alpha"].traits.plausible == {}, "nobody knows what is large in a unit that the library has not met"

@@ -205,7 +205,7 @@ def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
 def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayout) -> Prior | None:
     """Gaussian priors that a fit without process noise needs to be determined at all; None where it needs none.
 
-    Effects declare some for their parameters, which keeps what no record excites from running away. A model with
+    Effects declare some for their parameters, which keeps what no record excites from running away; a model some for its biases. One with
     structural modes takes all that are declared: several directions of its parameters leave no trace in alpha, q and nz.
     """
     known = {
@@ -220,6 +220,7 @@ def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayo
             for item in model.parameters
             if item.free and np.isfinite(item.prior_std) and not item.name.startswith("bias_")
         }
+    known |= {f"bias_{name}": (0.0, std) for name in model.biases if np.isfinite(std := model.parameters[f"bias_{name}"].prior_std)}
     tried = {full_name(effect, local) for effect in effects for local in effect.traits.tried}
     at, means, weights = [], [], []
     for position, name in enumerate(layout.names):

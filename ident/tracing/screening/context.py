@@ -10,6 +10,8 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
+AIRSPEEDS = ("airspeed", "reference_airspeed")  # what a model calls the speed that it is declared for
+
 
 def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:
     """The common search context of a fitted model's records, or ``which`` of them: the longest span, the largest inputs, the ranges as fitted.
@@ -57,7 +59,7 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which:
         state_peak=states,
         flown=flown,
         residual_peaks=spectral_peaks(records, [fit.residuals[r] for r in numbers], [problem.valid for problem in problems], fit.variance),
-        airspeed=fitted.model.parameters["airspeed"].value if "airspeed" in fitted.model.parameters else 0.0,
+        airspeed=next((fitted.model.parameters[name].value for name in AIRSPEEDS if name in fitted.model.parameters), 0.0),
         values=dict(zip(layout.system.parameters.names, layout.split(fit.theta, 0)[0].tolist(), strict=True)),
     )
 

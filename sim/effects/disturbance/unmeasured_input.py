@@ -31,7 +31,7 @@ class UnmeasuredInput:
     ----------
     lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and moment.
     needs_constants : those of the equations it is written for. ports : that it loads, and the names of these parameters. label : of the name,
-        where it is one port of several.
+        where it is one port of several. sized : whether it is known what is large there; else any size is believed.
     """
 
     lasting: bool = False
@@ -41,6 +41,7 @@ class UnmeasuredInput:
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
     ports: tuple[str, ...] = LOADS
     label: str = ""
+    sized: bool = True
 
     station: ClassVar[Station] = Station.DISTURBANCE
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
@@ -83,7 +84,7 @@ class UnmeasuredInput:
                 "something that is not recorded acts for {duration} from {start}: {rest}",
                 "something that is not recorded acts from {start} on: {rest}",
             ),
-            plausible={port: (-30.0 * size, 30.0 * size) for port, size in zip(self.ports, self.sizes, strict=True)},
+            plausible={port: (-30.0 * size, 30.0 * size) for port, size in zip(self.ports, self.sizes, strict=True)} if self.sized else {},
             lasts="duration",
             onset="start",
             per_record=True,
@@ -121,11 +122,13 @@ VARIANTS: tuple[Traceable, ...] = (
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """A pulse and a step on each port for loads that none of the above is for."""
-    ports = load_ports(equations)
+    ports, known = load_ports(equations), {*equations.parameter_names}
+    covered = {port for each in VARIANTS if isinstance(each, UnmeasuredInput) and known.issuperset(each.needs_constants) for port in each.ports}
     found: list[Traceable] = []
     for port in ports:
-        if port.name in LOADS:
+        if port.name in covered and covered <= {each.name for each in ports}:
             continue
         label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
-        found += [UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label) for lasting in (False, True)]
+        sized = port.unit in _USUAL_LOAD
+        found += [UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized) for lasting in (False, True)]
     return tuple(found)

@@ -56,7 +56,7 @@ class DragMach:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the fall hardly tells, high up where there is no air, must not run away: no shape changes the drag more than threefold.
+        # What the fall hardly tells, high up where there is no air, must not run away: a shape changes the drag by threefold at one sigma.
         shapes = enumerate(shape_names(self.fine, flat=False))
         return tuple(Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes)
 

@@ -154,7 +154,7 @@ class ElasticMode:
         rate, acceleration = self.derivatives(s, vehicle, p)
         _, gyro, accelerometer = self.read_as
         changed = {gyro: y[gyro] + p.gyro * rate}
-        return {**changed, accelerometer: y[accelerometer] + p.accelerometer * acceleration} if self.fine else changed
+        return {**changed, accelerometer: y[accelerometer] + p.accelerometer * acceleration} if self.fine and accelerometer in y else changed
 
     def finer(self) -> ElasticMode:
         """The same mode with all its couplings."""

@@ -45,7 +45,7 @@ class ActuatorSaturation:
         "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, limit)). Below the limit nothing is different, "
         "above it more command brings no more response. It is invisible in a record that stays below the limit, and where all inputs are of one "
         "size it only looks like a smaller control effectiveness: it takes inputs of several sizes, on both sides of the limit. The limit counts "
-        "from the trim position, since the recorded input does."
+        "from where the recorded input does: from trim where that is a perturbation, from its zero where it is a total."
     )
 
     @property

@@ -38,6 +38,7 @@ class AccelerometerOffset:
     channel: str = "nz"
     rate: str = "q"
 
+    unit: ClassVar[str] = "g"
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})

@@ -31,7 +31,8 @@ class SensorCurve:
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting curvature.
-    middle : of the readings, from where y counts; zero where they are perturbations.
+    middle : of the readings, from where y counts; zero where they are perturbations. is_state : whether the channel
+        is a state, whose range is known without its bias.
     low, high : flown range about trim, in the unit of the channel: believed is what leaves the reading rising all over it,
         1 + 2 curvature y > 0.
     """
@@ -42,6 +43,7 @@ class SensorCurve:
     low: float
     high: float
     middle: float = 0.0
+    is_state: bool = False
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 5
@@ -82,7 +84,8 @@ class SensorCurve:
         flown = context.flown_range(self.channel)
         if flown is None:
             return self
-        bias = 0.0 if self.channel in ("alpha", "q") else context.values.get(f"bias_{self.channel}", 0.0)  # these are states, without bias
+        # The range of a state is that of the motion, without the bias of its reading.
+        bias = 0.0 if self.is_state else context.values.get(f"bias_{self.channel}", 0.0)
         low, high = flown[0] - bias, flown[1] - bias
         if max(low, -high) > high - low:
             # A total that never comes near zero: about there a square is next to a scale.
@@ -97,15 +100,14 @@ class SensorCurve:
 
 
 VARIANTS: tuple[Traceable, ...] = (
-    SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"]),
-    SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"]),
+    SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"], is_state=True),
+    SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"], is_state=True),
     SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
 )
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
-    return tuple(
-        SensorCurve(each.name, each.unit, 0.2 / large_output(each.unit), -large_output(each.unit), large_output(each.unit))
-        for each in further_outputs(equations)
-    )
+    states = {signal.name for signal in equations.states}
+    sized = ((each, large_output(each.unit)) for each in further_outputs(equations))
+    return tuple(SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states) for each, large in sized)

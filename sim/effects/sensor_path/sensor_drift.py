@@ -12,7 +12,7 @@ from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import further_outputs, large_output
+from sim.effects.instances import further_outputs, has_output_size, large_output
 from sim.effects.separating import STEADY_FLIGHT
 
 
@@ -24,7 +24,8 @@ class SensorDrift:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that.
+    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that, or any where the
+        unit is not one whose sizes are known (``sized``).
     begin : s, the record's first time. Where the channel has a bias it only keeps the two apart.
     """
 
@@ -32,6 +33,7 @@ class SensorDrift:
     unit: str
     typical: float
     begin: float = 0.0
+    sized: bool = True
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 20
@@ -65,7 +67,7 @@ class SensorDrift:
             sentences=("the reading of the {channel} drifts by {slope}",),
             separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
             never_beside=(f"sensor-step:{self.channel}",),
-            plausible={"slope": (-self.most, self.most)},
+            plausible={"slope": (-self.most, self.most)} if self.sized else {},
             per_record=True,
         )
 
@@ -90,4 +92,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
-    return tuple(SensorDrift(each.name, each.unit, 0.0025 * large_output(each.unit)) for each in further_outputs(equations))
+    outputs = further_outputs(equations)
+    return tuple(SensorDrift(each.name, each.unit, 0.0025 * large_output(each.unit), sized=has_output_size(each.unit)) for each in outputs)

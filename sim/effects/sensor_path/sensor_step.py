@@ -12,7 +12,7 @@ from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import further_outputs, large_output
+from sim.effects.instances import further_outputs, has_output_size, large_output
 from sim.effects.onset import risen
 from sim.effects.separating import STEADY_FLIGHT
 
@@ -27,13 +27,15 @@ class SensorStep:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times that. width : of the edge, s.
+    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times that, or any where the unit is
+        not one whose sizes are known (``sized``). width : of the edge, s.
     """
 
     channel: str
     unit: str
     typical: float
     width: float = 0.02
+    sized: bool = True
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 20
@@ -61,7 +63,7 @@ class SensorStep:
             sentences=("the zero of the {channel} jumps by {size} at {at}",),
             separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
             # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows, and its channels go on from elsewhere.
-            plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)},
+            plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)} if self.sized else {},
             onset="at",
             jumps=self.channel,
             per_record=True,
@@ -89,4 +91,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One for each output that has none yet."""
-    return tuple(SensorStep(each.name, each.unit, 0.05 * large_output(each.unit)) for each in further_outputs(equations))
+    outputs = further_outputs(equations)
+    return tuple(SensorStep(each.name, each.unit, 0.05 * large_output(each.unit), sized=has_output_size(each.unit)) for each in outputs)

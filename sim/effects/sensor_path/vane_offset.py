@@ -35,6 +35,7 @@ class VaneOffset:
     speed: str = "airspeed"
 
     name: ClassVar[str] = "vane-offset"
+    unit: ClassVar[str] = "rad"
     station: ClassVar[Station] = Station.SENSOR_PATH
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})

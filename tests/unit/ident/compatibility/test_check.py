@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
+from ident.compatibility.instruments import weigher
 from ident.compatibility.result import Compatibility, CompatibilitySettings
 from sim.errors import RecordError
 from sim.record import Channel, Record
@@ -28,6 +29,7 @@ def test_sound_sensors_raise_nothing_and_both_methods_agree(channels: tuple[str,
     assert standing(found) == []
     assert all(item.agrees for item in found.joint.estimates)
     assert found.joint.noise_std["alpha"] == pytest.approx(0.0026, rel=0.1)
+    assert weigher.cache_info().currsize == 0, "what was made for this check is not kept after it"
 
 
 @pytest.mark.parametrize("channel", THREE)

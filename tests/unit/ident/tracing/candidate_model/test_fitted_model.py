@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import carried, compiled_with, free_names
+from ident.tracing.candidate_model.fitted_model import carried, compiled_with, free_names, known_beforehand
 from ident.tracing.candidate_model.quantities import quantities
 from ident.whole_record.layout import FitSettings, lay_out
+from sim.declaration.compile import compile_model
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.tracing_problem import OUTPUTS, SETTINGS, declared, fit_of, planted, problem_of
+from tests.whole_axes import flown, true_model
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
 
@@ -97,3 +99,14 @@ def test_an_event_pays_for_its_place() -> None:
 def test_bad_starts_leave_nothing_fitted() -> None:
     problem = problem_of([planted()])
     assert problem.fit([SensorScale("q")], None, {"sensor-scale:q.scale": np.nan}) is None
+
+
+def test_a_bias_that_the_equations_know_of_has_its_prior_and_no_other_has() -> None:
+    """A steady turn is next to a bank angle that is read wrong, with rates that are: without it the fit wanders along that direction."""
+    model = true_model("lateral").with_biases(["beta", "phi", "ny"])
+    layout = lay_out([flown("lateral")], compile_model(model), FitSettings())
+    prior = known_beforehand(model, (), layout)
+    assert prior is not None
+    assert [layout.names[i].partition(",")[0] for i in prior.positions] == ["bias_phi"]
+    assert prior.mean == [0.0] and prior.information == pytest.approx(np.array([[0.05**-2]]))
+    assert known_beforehand(true_model("longitudinal").with_biases(["theta"]), (), layout) is None
