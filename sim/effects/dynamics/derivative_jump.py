@@ -14,6 +14,19 @@ from sim.declaration.traits import Traits
 from sim.effects.instances import labelled
 from sim.effects.onset import WIDTH, edge_width, risen
 
+OF_PITCH = (
+    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
+    "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and "
+    "lift slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
+    "derivative shows only while its signal moves."
+)
+ALL_AXES = (
+    "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, a store leaves one wing, a fin tank empties. From a time t0 "
+    "on one coefficient obeys other derivatives: for yaw Cn = (Cn_beta + change) beta + (Cn_dr + change) rudder + ..., for roll and side force Cl "
+    "and CY likewise. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a derivative shows "
+    "only while its signal moves."
+)
+
 
 @dataclass(frozen=True)
 class Change:
@@ -72,12 +85,10 @@ class DerivativeJump:
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    explanation: ClassVar[str] = (
-        "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
-        "runs. From time t0 on the moment is Cm = (Cm_alpha + change) alpha + ... and the lift likewise: stability, damping, control power and "
-        "lift slope may each change. Before t0 the model fits, after it no longer. A change after the last maneuver leaves no trace, since a "
-        "derivative shows only while its signal moves."
-    )
+
+    @property
+    def explanation(self) -> str:
+        return ALL_AXES if self.label else OF_PITCH
 
     @property
     def name(self) -> str:

@@ -20,6 +20,26 @@ MEASURE_IT = (
 _VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
 _TURNING = {"q": "pitch", "r": "yaw"}
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
+OF_PITCH = (
+    "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: nz_m = nz + (arm/g0) q_dot, arm in m, positive "
+    "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading jumps when the elevator does, down first for "
+    "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same as a vane at -arm, and the short period "
+    "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. "
+    "No maneuver tells the two apart while lift and moment are linear; only where the instruments sit does, or a CL_de that no tail could make. "
+    "The library has no vane behind the centre of gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
+)
+OF_YAW = (
+    "A lateral accelerometer ahead of the centre of gravity is pushed to the right when the nose accelerates to the right: ny_m = ny + (arm/g0) "
+    "r_dot, arm in m, positive ahead, negative behind. The yaw acceleration answers the rudder at once, so the reading jumps when the rudder does. "
+    "To the kinematics of sideslip an accelerometer at arm is the same as a vane at -arm; side-force derivatives that are free take other values "
+    "and every sample is the same, so that only the declared derivatives, or those held at zero, tell the two apart."
+)
+BELOW = (
+    "An axial accelerometer below the centre of gravity is carried forward when the nose accelerates upward: nx_m = nx + (arm/g0) q_dot, arm in m "
+    "below the centre of gravity. The pitch acceleration answers the elevator at once, so the reading jumps with it, while the axial force of the "
+    "whole aircraft hardly does: what is left in nx has the shape of the pitch acceleration, in no other channel."
+)
+_EXPLANATIONS = {"nz": OF_PITCH, "ny": OF_YAW, "nx": BELOW}
 
 
 @dataclass(frozen=True)
@@ -43,14 +63,10 @@ class AccelerometerOffset:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
-    explanation: ClassVar[str] = (
-        "An accelerometer ahead of the centre of gravity is lifted when the nose accelerates upward: nz_m = nz + (arm/g0) q_dot, arm in m, positive "
-        "ahead, negative behind. The pitch acceleration answers the elevator at once, so the reading jumps when the elevator does, down first for "
-        "one that is ahead. To the kinematics alpha_dot = q - (g/V) nz an accelerometer at arm is the same as a vane at -arm, and the short period "
-        "keeps its form with alpha - (arm/V) q in the place of alpha: CL_de, CL_q, CL_alpha and Cm_q take other values and every sample is the same. "
-        "No maneuver tells the two apart while lift and moment are linear; only where the instruments sit does, or a CL_de that no tail could make. "
-        "The library has no vane behind the centre of gravity: where the declared derivatives speak for one, an accelerometer ahead is not claimed."
-    )
+
+    @property
+    def explanation(self) -> str:
+        return _EXPLANATIONS[self.channel]
 
     @property
     def name(self) -> str:

@@ -14,6 +14,20 @@ from sim.declaration.traits import Traits
 
 TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay stays"
+OF_PITCH = (
+    "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
+    "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
+    "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only fast reversals, where q and alpha_dot "
+    "differ by the lift, tell them apart. An accelerometer as far behind reads the same record under other derivatives, see "
+    "accelerometer-offset:nz. A vane behind the centre of gravity would look like a late q; it is not built, so its arm is not "
+    "allowed."
+)
+OF_YAW = (
+    "A vane of sideslip ahead of the centre of gravity swings with the nose: beta_m = beta + (arm/V) r, arm >= 0 in m ahead of the centre of "
+    "gravity, since a nose that yaws to the right carries the vane to the right. In the Dutch roll that makes the reading late: a lag or a delay of "
+    "the vane by arm/V looks much the same, and only fast rudder reversals tell them apart. A lateral accelerometer as far behind reads the same "
+    "record under other derivatives, see accelerometer-offset:ny. A vane behind the centre of gravity is not built, so its arm is not allowed."
+)
 
 
 @dataclass(frozen=True)
@@ -40,14 +54,10 @@ class VaneOffset:
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("arm", 5.0, "m", bounds=(0.0, 100.0)),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"arm": 0.0})
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
-    explanation: ClassVar[str] = (
-        "A vane ahead of the centre of gravity goes up with the nose while the aircraft pitches, so that the air meets it from further above: "
-        "alpha_m = alpha - (arm/V) q, arm >= 0 in m ahead of the centre of gravity. In the short period q runs ahead of alpha, and taking some of "
-        "it off makes the reading late: a lag or a delay of the vane by arm/V looks much the same, and only fast reversals, where q and alpha_dot "
-        "differ by the lift, tell them apart. An accelerometer as far behind reads the same record under other derivatives, see "
-        "accelerometer-offset:nz. A vane behind the centre of gravity would look like a late q; it is not built, so its arm is not "
-        "allowed."
-    )
+
+    @property
+    def explanation(self) -> str:
+        return OF_PITCH if self.channel == "alpha" else OF_YAW
 
     @property
     def needs_constants(self) -> tuple[str, ...]:
