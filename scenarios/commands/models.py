@@ -52,25 +52,14 @@ def show_models(name: str | None) -> None:
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
     """Equations of a model, and names with units of its constants and of what is estimated."""
-    from sim.vehicles import factory
-    from sim.vehicles.ballistic import Ballistic
-    from sim.vehicles.loes import Loes
-    from sim.vehicles.short_period import ShortPeriod
+    from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
 
-    if name in factory.WHOLE_AXES:
-        return factory.WHOLE_AXES[name]
-    modal = {full: unit for full, unit, _ in factory.mode_units(1)} if name == "flexible" else {}
-    held = {full: unit for full, unit in modal.items() if full.rstrip("1") in factory.MODE_CONSTANTS}
-    found: Mapping[str, tuple[Equations, Mapping[str, str], Mapping[str, str]]] = {
-        "ballistic": (Ballistic(), factory.BALLISTIC_CONSTANTS, factory.BALLISTIC_DERIVATIVES),
-        "loes": (Loes(), {**factory.LOES_CONSTANTS, **factory.LOES_OFFSETS}, factory.LOES_DERIVATIVES),
-    }
-    rigid = (
-        ShortPeriod(),
-        {**factory.RIGID_CONSTANTS, **held},
-        {**factory.RIGID_DERIVATIVES, **{full: unit for full, unit in modal.items() if full not in held}},
-    )
-    return found.get(name, rigid)
+    if name != "flexible":
+        return FAMILIES[name]
+    equations, constants, derivatives = FAMILIES["rigid"]
+    modal = {full: unit for full, unit, _ in mode_units(1)}
+    held = {full: unit for full, unit in modal.items() if full.rstrip("1") in MODE_CONSTANTS}
+    return equations, {**constants, **held}, {**derivatives, **{full: unit for full, unit in modal.items() if full not in held}}
 
 
 def _print_equations(

@@ -19,6 +19,7 @@ from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_besi
 from scenarios.preparation.plan import Plan, Segment
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook, expectations_of, joined, looked_at
 from scenarios.preparation.request import Request, column_choices
+from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
 from sim.record import Channel, Record
 
@@ -74,7 +75,7 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
 
 def _airspeed_of(vehicle: VehicleFile) -> float:
     """The declared airspeed; of equations that know the airspeed the one that they are referred to."""
-    return vehicle.constants["airspeed" if "airspeed" in vehicle.constants else "reference_airspeed"]
+    return next(vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants)
 
 
 def record_to_check(

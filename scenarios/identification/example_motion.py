@@ -11,6 +11,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP, complex_step_jacobian
+from sim.propagation.integrate import rk4_step
 
 ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
 MODEST = 0.02  # of a state's value at the start, by which a pulse may move it: a tank must not run dry
@@ -70,7 +71,7 @@ def doublet_motion(model: Model) -> Motion:
             if not (np.all(np.isfinite(read)) and np.max(np.abs(x.real)) < largest and np.max(np.abs(x.imag)) < STEEPEST * COMPLEX_STEP):
                 break
             outputs.append(read)
-            x = _advanced(system, t, x, u, p, step)
+            x = np.array(rk4_step(system.f, t, list(x), (u, u, u), p, step))
     along = np.array(outputs).reshape(-1, len(system.outputs), unknown)
     slopes, values = along.imag / COMPLEX_STEP, along.real[:, :, 0]
     biased = [i for i, signal in enumerate(system.outputs) if signal.name in getattr(model.equations, "biased_outputs", ())]
@@ -100,16 +101,3 @@ def _stepped(value: float, column: int, count: int) -> np.ndarray:
     row = np.full(count, complex(value))
     row[column] += 1j * COMPLEX_STEP
     return row
-
-
-def _advanced(system: System, t: float, x: np.ndarray, u: list[float], p: list[complex | np.ndarray], step: float) -> np.ndarray:
-    """One step of Runge and Kutta's fourth-order rule."""
-
-    def rates(at: float, state: np.ndarray) -> np.ndarray:
-        return np.array([np.broadcast_to(row, state.shape[1:]) for row in system.f(at, list(state), u, p)])
-
-    first = rates(t, x)
-    second = rates(t + 0.5 * step, x + 0.5 * step * first)
-    third = rates(t + 0.5 * step, x + 0.5 * step * second)
-    fourth = rates(t + step, x + step * third)
-    return np.asarray(x + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth))

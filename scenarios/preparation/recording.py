@@ -12,6 +12,7 @@ from ident.recording.inspection import inspect
 from scenarios.files.own_models import is_own
 from scenarios.preparation.plan import Plan
 from sim.declaration.model import Model
+from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
 from sim.maths.constants import G0
 from sim.record import Channel, Record
@@ -68,7 +69,7 @@ def expectations_of(model: Model) -> Expectations:
     if is_own(model):
         return Expectations(aircraft=False)
     p = model.parameters
-    speed = next((p[name].value for name in ("airspeed", "reference_airspeed") if name in p), None)
+    speed = next((p[name].value for name in AIRSPEEDS if name in p), None)
     gravity = p["gravity"].value if "gravity" in p else G0
     if "M_delta" in p:
         return Expectations(speed, gravity, p["M_delta"].value)

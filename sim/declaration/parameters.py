@@ -12,6 +12,8 @@ import numpy as np
 
 from sim.errors import ModelError
 
+AIRSPEEDS = ("airspeed", "reference_airspeed")  # what equations call the constant speed that they are declared for
+
 
 @dataclass(frozen=True)
 class Parameter:

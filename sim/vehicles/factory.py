@@ -35,10 +35,18 @@ MODE_DERIVATIVES = {
     **dict.fromkeys(("Ceta_alpha", "Ceta_q", "Ceta_de"), "1/rad"),
 }
 _NOT_ABOVE_ZERO = {"zeta"}
+Family = tuple[Equations, Mapping[str, str], Mapping[str, str]]
 # Equations whose derivatives may be left out, which holds them at zero.
-WHOLE_AXES: Mapping[str, tuple[Equations, Mapping[str, str], Mapping[str, str]]] = {
+WHOLE_AXES: Mapping[str, Family] = {
     "lateral": (Lateral(), LATERAL_CONSTANTS, LATERAL_DERIVATIVES),
     "longitudinal": (Longitudinal(), LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES),
+}
+# All equations by name, with units of the constants and of what is estimated.
+FAMILIES: Mapping[str, Family] = {
+    "rigid": (ShortPeriod(), RIGID_CONSTANTS, RIGID_DERIVATIVES),
+    "loes": (Loes(), {**LOES_CONSTANTS, **LOES_OFFSETS}, LOES_DERIVATIVES),
+    "ballistic": (Ballistic(), BALLISTIC_CONSTANTS, BALLISTIC_DERIVATIVES),
+    **WHOLE_AXES,
 }
 ABOVE_ZERO = {"mass", "wing_area", "chord", "span", "pitch_inertia", "roll_inertia", "yaw_inertia", "airspeed", "reference_airspeed", "air_density"}
 
@@ -135,19 +143,11 @@ def vehicle_from_values(
 
     Raises DeclarationError for a name that the equations and modes do not know.
     """
-    if equations == Ballistic().name:
-        units, states = {**BALLISTIC_CONSTANTS, **BALLISTIC_DERIVATIVES}, Ballistic().states
-    elif equations == Loes().name:
-        units, states = {**LOES_CONSTANTS, **LOES_DERIVATIVES, **LOES_OFFSETS}, Loes().states
-    elif equations == ShortPeriod().name:
-        units, states = {**RIGID_CONSTANTS, **RIGID_DERIVATIVES}, ShortPeriod().states
-        units.update({full: unit for full, unit, _ in mode_units(modes)})
-    elif equations in WHOLE_AXES:
-        found, constants, derivatives = WHOLE_AXES[equations]
-        units, states = {**constants, **derivatives}, found.states
-    else:
-        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use rigid, loes, ballistic, {', '.join(WHOLE_AXES)}")
-    state_units = {signal.name: signal.unit for signal in states}
+    if equations not in FAMILIES:
+        raise DeclarationError(f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}")
+    found, constants, derivatives = FAMILIES[equations]
+    units = {**constants, **derivatives, **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)}}
+    state_units = {signal.name: signal.unit for signal in found.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
     return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)

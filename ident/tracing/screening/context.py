@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
+from sim.declaration.parameters import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
-
-AIRSPEEDS = ("airspeed", "reference_airspeed")  # what a model calls the speed that it is declared for
 
 
 def search_context(fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None) -> SearchContext:

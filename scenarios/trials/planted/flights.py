@@ -16,12 +16,12 @@ from sim.errors import DeclarationError
 from sim.maneuvers.steps import Sum
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
-from sim.vehicles.factory import BALLISTIC_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS, WHOLE_AXES
+from sim.vehicles.factory import FAMILIES, LOES_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
 
+# The constant terms of a low-order equivalent stay at zero.
 CONSTANTS = {
-    **{"ballistic": tuple(BALLISTIC_CONSTANTS), "loes": ("airspeed", "gravity", "vane_arm")},
-    **{"rigid": tuple(RIGID_CONSTANTS), "flexible": tuple(RIGID_CONSTANTS)},
-    **{name: tuple(constants) for name, (_, constants, _) in WHOLE_AXES.items()},
+    **{name: tuple(constants) for name, (_, constants, _) in FAMILIES.items()},
+    **{"loes": tuple(LOES_CONSTANTS), "flexible": tuple(RIGID_CONSTANTS)},
 }
 FILE_NAMES = {"omega": "frequency", "zeta": "damping", "generalized_mass": "generalized_mass"}
 LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")

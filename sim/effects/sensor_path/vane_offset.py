@@ -11,6 +11,7 @@ from sim.declaration.effect import Regularity, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.vane import at_arm
 
 TURNING = {"q": "pitch", "r": "yaw"}
 ANOTHER_SPEED = "the same maneuver at another airspeed: the error of a vane goes with q/V, a lag or a delay stays"
@@ -90,8 +91,7 @@ class VaneOffset:
         return [Probe({"arm": 0.0}, ("arm",))]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        V = s.V if hasattr(s, "V") else getattr(vehicle, self.speed)
-        return {self.channel: y[self.channel] + self.sign * p.arm / V * getattr(s, self.rate)}
+        return {self.channel: y[self.channel] + at_arm(s, vehicle, self.sign * p.arm, self.rate, self.speed)}
 
 
 VARIANTS: tuple[Traceable, ...] = (VaneOffset(), VaneOffset("beta", "r", 1.0), VaneOffset(speed="reference_airspeed"))
