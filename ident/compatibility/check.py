@@ -16,6 +16,8 @@ from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.six_degrees.check import check as six_degrees
+from ident.compatibility.six_degrees.check import has_six_degrees
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
@@ -55,6 +57,8 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
 def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
     for record in records:
         _refuse(record)
+    if has_six_degrees(records, settings):
+        return six_degrees(records, settings, each=each)
     channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
     notes = [f"az serves as nz = -az/g0 ({record.name})" for record in records if "nz" in channels and "nz" not in record.output_names]
     usable = channels
