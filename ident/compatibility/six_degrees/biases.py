@@ -10,10 +10,11 @@ import numpy as np
 from ident.compatibility.estimates import difference_in_sigmas
 from ident.compatibility.faults import BIAS, SensorFault
 from ident.compatibility.fitting import Fit
+from ident.compatibility.grouping import chance_of
 from ident.compatibility.instruments import weigher
 from ident.compatibility.noise import whitener
 from ident.compatibility.result import Quantity, SensorEstimate, SensorFinding
-from ident.compatibility.six_degrees.linear import coloured, output_error_gram
+from ident.compatibility.six_degrees.linear import Linear, coloured, output_error_gram
 from ident.compatibility.six_degrees.unknowns import unknowns_of
 from ident.compatibility.trials import p_value
 from ident.statistics.information import bounded_inverse
@@ -49,12 +50,41 @@ def bias_estimates(found: Fit, r: int) -> tuple[SensorEstimate, ...]:
     return tuple(out)
 
 
-def bias_findings(estimates: Sequence[SensorEstimate], false_alarm: float) -> tuple[SensorFinding, ...]:
-    """Biases that are worth a word and beyond chance, the share of false alarms over all of them together."""
+def bias_findings(lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float) -> tuple[SensorFinding, ...]:
+    """Biases of record r that are worth a word and beyond chance, the share of false alarms over all of them together; each with the faults
+    that would do as well in its place."""
     out = []
     for item in estimates:
         worth = SensorFault(item.channel, BIAS).worth
         if item.told and item.p_value * len(estimates) < false_alarm and abs(item.smoother.value) > worth:
             size = item.smoother
-            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, (), item.name))
+            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, instead_of(lines, r, item.channel, false_alarm), item.name))
     return tuple(out)
+
+
+def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
+    """Faults beside those that stand which leave no more than chance of what record r has for the bias of a channel, that bias being zero."""
+    information, gradient = lines.whole[r]
+    own, faults = lines.found.own[r], lines.faults
+    n, b = len(own), [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in lines.found.faults]
+    best, _, _ = _least([*range(n), *members], information, gradient)
+    # The bias held at zero: a step of minus its value.
+    rest, held = [*(i for i in range(n) if i != b), *members], gradient + information[:, b] * own[b]
+    spent = gradient[b] * own[b] + 0.5 * information[b, b] * own[b] ** 2
+    losses = []
+    for j, fault in enumerate(faults):
+        if n + j not in members and information[n + j, n + j] > 0:
+            gain, size, variance = _least([*rest, n + j], information, held)
+            possible = fault.worth < abs(size) < fault.largest and (size > 0 or not fault.one_sided)
+            if possible and variance < fault.plausible**2:
+                losses.append((best - gain + spent, fault.name))
+    chance = chance_of(false_alarm, len(faults))
+    return tuple(name for loss, name in sorted(losses) if loss <= chance)
+
+
+def _least(free: Sequence[int], information: np.ndarray, gradient: np.ndarray) -> tuple[float, float, float]:
+    """Gain of least squares over some unknowns, and value and variance of the last of them."""
+    inverse = bounded_inverse(information[np.ix_(free, free)])
+    values = inverse @ gradient[list(free)]
+    return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])

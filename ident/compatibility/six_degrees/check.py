@@ -65,11 +65,11 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     if together:
         joint = CheckResult(names, estimates, (), findings, levels)
         single = tuple(
-            CheckResult((names[r],), by_itself(found, r), biases[r], bias_findings(biases[r], settings.false_alarm), levels)
+            CheckResult((names[r],), by_itself(found, r), biases[r], bias_findings(found.lines, r, biases[r], settings.false_alarm), levels)
             for r in (range(len(signals)) if each else ())
         )
     else:
-        joint = CheckResult(names, estimates, biases[0], (*bias_findings(biases[0], settings.false_alarm), *findings), levels)
+        joint = CheckResult(names, estimates, biases[0], (*bias_findings(found.lines, 0, biases[0], settings.false_alarm), *findings), levels)
         single = (joint,)
     notes += _notes(found, signals)
     told = (*_unreached(channels, joined), *_untold(found, signals[0]), STEADY_WIND)

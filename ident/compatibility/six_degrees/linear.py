@@ -43,6 +43,7 @@ class Linear:
     """First order of all ``faults`` beside a fit, of each record: in the metric of its noise (``smoother``) and for white residuals (``output_error``).
 
     ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``), whose priors do not count, starts and levels free.
+    ``whole``: of each record information and gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as found.
     """
 
     found: Fit
@@ -51,6 +52,7 @@ class Linear:
     output_error: tuple[Normal, ...]
     biases: tuple[SensorFault, ...]
     free: np.ndarray
+    whole: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
     def joint(self) -> Normal:
@@ -65,7 +67,7 @@ class Linear:
 
 def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
     """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is drawn, s."""
-    smoother, output_error, free = [], [], []
+    smoother, output_error, free, whole = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(found.signals):
         unknowns = unknowns_of(s)
@@ -81,9 +83,12 @@ def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Li
         output_error.append(_of_output_error(s, found, r, columns[:, :, :-1], prior))
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
-        flat = white[:, :, :-2].reshape(-1, slopes.shape[2])
-        free.append(_without(flat.T @ flat, prior, named))
-    return Linear(found, tuple(faults), tuple(smoother), tuple(output_error), biases, np.sum(free, axis=0))
+        flat = white[:, :, :-1].reshape(-1, slopes.shape[2] + 1)
+        gram = flat.T @ flat
+        free.append(_without(gram[:-1, :-1], prior, named))
+        extended = np.append(prior, np.zeros(len(faults)))
+        whole.append((gram[:-1, :-1] + np.diag(extended), gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults)))))
+    return Linear(found, tuple(faults), tuple(smoother), tuple(output_error), biases, np.sum(free, axis=0), tuple(whole))
 
 
 def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> np.ndarray:
@@ -96,9 +101,9 @@ def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarr
     n = len(own)
     for j, fault in enumerate(faults):
         if fault.kind in (DELAY, LAG):
-            # From none to its size, the others as they stand.
-            ends = np.repeat(sizes[None], 2, axis=0)
-            ends[:, j] = 0.0, secants[j]
+            # From none to its size, the others as they stand but for other ways in which the same channel is late.
+            ends = np.where([other.channel == fault.channel and other.kind in (DELAY, LAG) for other in faults], 0.0, np.stack([sizes, sizes]))
+            ends[1, j] = secants[j]
             y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
             slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
     return slopes

@@ -68,7 +68,11 @@ def _settled(
     ahead = None
     for turn in range(_ROUNDS):
         lines = linear(found, faults, secants)
-        sets, row = best_set(lines.joint, faults, among, charge, most, early=early)
+        normal = lines.joint
+        if not turn:
+            # What a fault leaves of the record is not the colour of what is left with it.
+            normal = replace(normal, scatter=normal.information)
+        sets, row = best_set(normal, faults, among, charge, most, early=early)
         chosen, ahead = tuple(int(i) for i in sets.members[row]), None
         if sets.early[row]:
             late = [k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided]
@@ -80,6 +84,7 @@ def _settled(
             found = fit(signals, [faults[i] for i in chosen], found)
         members = chosen
         secants = _secants(lines, chosen)
+        secants[list(chosen)] = [size if abs(size) > 1e-3 else _SECANT for size in found.sizes.tolist()]
     return lines, members, ahead
 
 
