@@ -44,7 +44,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     joined = relations(channels, speed=known_speed)
     made = [ready(record, channels, settings.airspeed, settings.gravity, settings.vane_arm) for record in records]
     signals, notes = tuple(s for s, _ in made), [note for _, told in made for note in told]
-    controls = [instruments_of(record) for record in records]
+    controls = [instruments_of(record, every=2) for record in records]
     if all(columns.shape[1] for columns in controls):
         signals = tuple(replace(s, instruments=columns) for s, columns in zip(signals, controls, strict=True))
     for s in signals:

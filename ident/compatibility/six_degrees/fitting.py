@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit
-from ident.compatibility.instruments import Weigher, weigher
+from ident.compatibility.instruments import shortened
 from ident.compatibility.noise import NoiseModel
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.noise import first_noise, settled_noise
 from ident.compatibility.six_degrees.unknowns import evaluate, linearised, start_of, unknowns_of
 from ident.statistics.information import bounded_inverse
 
+Short = Callable[[np.ndarray], np.ndarray]
 _PASSES = 4
 _STEPS = 4
 _SMALL = 2e-3  # twice the gain of a step that is not worth taking
@@ -38,7 +39,7 @@ def fit(signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: F
         if np.all(np.abs(noise.logs - before.logs) < _SETTLED):
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
-    whiteners = [weigher(s, noise) for s in signals]
+    whiteners = [shortened(s, noise) for s in signals]
     cost = _misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
     return Fit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
@@ -55,7 +56,7 @@ def _descended(
 ) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
     unknowns, largest = [unknowns_of(s) for s in signals], np.array([fault.largest for fault in faults])
-    whiteners = [weigher(s, noise) for s in signals]
+    whiteners = [shortened(s, noise) for s in signals]
     here = _misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(_STEPS):
         information, gradient = _normal(signals, priors, own, lines, whiteners)
@@ -88,7 +89,7 @@ def _misfit(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     outputs: Sequence[np.ndarray],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[Short],
 ) -> float:
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
@@ -104,7 +105,7 @@ def _normal(
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Weigher],
+    whiteners: Sequence[Short],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information ``(n, n)`` and gradient ``(n,)``, own unknowns of each record first."""
     total = sum(len(o) for o in own)
@@ -112,7 +113,7 @@ def _normal(
     information, gradient, at = np.zeros((total + faults, total + faults)), np.zeros(total + faults), 0
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
         columns = np.concatenate([residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2)
-        flat = white(columns).reshape(-1, columns.shape[2])
+        flat = white(columns)
         product = flat.T @ flat
         where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
         information[np.ix_(where, where)] += product[1:, 1:]

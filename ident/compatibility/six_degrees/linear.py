@@ -40,7 +40,7 @@ class Normal:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """First order of all ``faults`` beside a fit, of each record: in the metric of its noise (``smoother``) and for white residuals (``output_error``).
+    """First order of all ``faults`` beside a fit, of each record: ``smoother`` in the metric of its noise.
 
     ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``), whose priors do not count, starts and levels free.
     ``whole``: of each record information and gradient of its own unknowns, then the faults, priors included; from no fault, own unknowns as found.
@@ -49,25 +49,20 @@ class Linear:
     found: Fit
     faults: tuple[SensorFault, ...]
     smoother: tuple[Normal, ...]
-    output_error: tuple[Normal, ...]
     biases: tuple[SensorFault, ...]
     free: np.ndarray
     whole: tuple[tuple[np.ndarray, np.ndarray], ...]
+    columns: tuple[np.ndarray, ...]
 
     @property
     def joint(self) -> Normal:
         """Of all records together."""
-        return _added(self.smoother)
-
-    @property
-    def joint_output_error(self) -> Normal:
-        """The same for white residuals."""
-        return _added(self.output_error)
+        return added(self.smoother)
 
 
 def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
     """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is drawn, s."""
-    smoother, output_error, free, whole = [], [], [], []
+    smoother, free, whole, kept = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(found.signals):
         unknowns = unknowns_of(s)
@@ -80,7 +75,7 @@ def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Li
         white = weigher(s, found.noise)(columns)
         left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
         smoother.append(_normal(white[:, :, :-1], prior, own, left))
-        output_error.append(_of_output_error(s, found, r, columns[:, :, :-1], prior))
+        kept.append(columns[:, :, :-1])
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
         flat = white[:, :, :-1].reshape(-1, slopes.shape[2] + 1)
@@ -88,7 +83,7 @@ def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Li
         free.append(_without(gram[:-1, :-1], prior, named))
         extended = np.append(prior, np.zeros(len(faults)))
         whole.append((gram[:-1, :-1] + np.diag(extended), gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults)))))
-    return Linear(found, tuple(faults), tuple(smoother), tuple(output_error), biases, np.sum(free, axis=0), tuple(whole))
+    return Linear(found, tuple(faults), tuple(smoother), biases, np.sum(free, axis=0), tuple(whole), tuple(kept))
 
 
 def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> np.ndarray:
@@ -150,10 +145,12 @@ def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     return np.asarray(columns.T @ smooth)
 
 
-def _of_output_error(s: Signals, found: Fit, r: int, columns: np.ndarray, prior: np.ndarray) -> Normal:
-    n = len(prior)
-    gram, gradient, scatter = output_error_gram(s, found, r, columns)
-    gradient[:n] -= prior * found.own[r]
+def by_output_error(lines: Linear, r: int) -> Normal:
+    """Normal equations of record r for residuals that are taken as white."""
+    s, own = lines.found.signals[r], lines.found.own[r]
+    prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
+    gram, gradient, scatter = output_error_gram(s, lines.found, r, lines.columns[r])
+    gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _onto(gram, prior))
 
@@ -187,7 +184,8 @@ def _without(gram: np.ndarray, prior: np.ndarray, named: Sequence[int]) -> np.nd
     return np.asarray(gram[np.ix_(kept, kept)] - gram[np.ix_(kept, gone)] @ bounded_inverse(inner) @ gram[np.ix_(gone, kept)])
 
 
-def _added(parts: Sequence[Normal]) -> Normal:
+def added(parts: Sequence[Normal]) -> Normal:
+    """Normal equations of several records together."""
     total = parts[0]
     for part in parts[1:]:
         total = total.plus(part)

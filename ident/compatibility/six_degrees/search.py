@@ -17,7 +17,7 @@ from ident.compatibility.instruments import instrumented
 from ident.compatibility.result import CompatibilitySettings, Quantity, SensorEstimate, SensorFinding
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.fitting import fit
-from ident.compatibility.six_degrees.linear import LEAST_SECANT, Linear, Normal, linear
+from ident.compatibility.six_degrees.linear import LEAST_SECANT, Linear, Normal, added, by_output_error, linear
 from ident.compatibility.six_degrees.selection import best_set, fitted
 from ident.compatibility.trials import p_value
 
@@ -40,6 +40,7 @@ class Searched:
     refused: frozenset[int]
     early: tuple[str, float] | None
     widening: float
+    output_error: tuple[Normal, ...]
 
 
 def search(signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault], settings: CompatibilitySettings) -> Searched:
@@ -56,7 +57,8 @@ def search(signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault],
     widening = float(np.mean(sets.widening)) if members else 1.0
     chance = chance_of(settings.false_alarm, len(faults))
     groups = tuple(_group(lines, members, i, chance, widening, refused) for i in members)
-    return Searched(lines, members, groups, frozenset(refused), ahead, widening)
+    other = tuple(by_output_error(lines, r) for r in range(len(signals)))
+    return Searched(lines, members, groups, frozenset(refused), ahead, widening, other)
 
 
 def _settled(
@@ -78,7 +80,7 @@ def _settled(
             late = [k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided]
             ahead = (faults[chosen[late[0]]].channel, float(sets.sizes[row, late[0]]))
             chosen = tuple(i for k, i in enumerate(chosen) if k not in late)
-        if set(chosen) == set(members) and turn > (1 if members else 0):
+        if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
             found = fit(signals, [faults[i] for i in chosen], found)
@@ -147,10 +149,11 @@ def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...],
     lines, faults = found.lines, found.lines.faults
     stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
     stood |= {i: (i, 0.0) for i in found.standing}
+    by_other = added(found.output_error)
     estimates, lost = [], {}
     for j in range(len(faults)):
         context, lost[j] = _context(found, j, stood)
-        estimates.append(_estimate(lines.joint, lines.joint_output_error, faults, context, j))
+        estimates.append(_estimate(lines.joint, by_other, faults, context, j))
     findings, said = [], set()
     for group in found.groups:
         names = [faults[j].name for j, _ in group]
@@ -216,7 +219,7 @@ def by_itself(found: Searched, r: int) -> tuple[SensorEstimate, ...]:
     """Every fault by one record of several, beside the same others as in all."""
     lines = found.lines
     stood = {j: (i, lost) for i, group in zip(found.standing, found.groups, strict=True) for j, lost in group}
-    one, other = lines.smoother[r], lines.output_error[r]
+    one, other = lines.smoother[r], found.output_error[r]
     return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in range(len(lines.faults)))
 
 
