@@ -55,9 +55,11 @@ def bias_findings(lines: Linear, r: int, estimates: Sequence[SensorEstimate], fa
     that would do as well in its place."""
     out = []
     for item in estimates:
-        worth = SensorFault(item.channel, BIAS).worth
-        if item.told and item.p_value * len(estimates) < false_alarm and abs(item.smoother.value) > worth:
-            size = item.smoother
+        fault, size = SensorFault(item.channel, BIAS), item.smoother
+        # Beyond what is worth a word too: the earth turns and is round, and gravity lessens with height.
+        excess = max(abs(size.value) - fault.worth, 0.0)
+        p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
+        if item.told and item.agrees and p * len(estimates) < false_alarm:
             out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, instead_of(lines, r, item.channel, false_alarm), item.name))
     return tuple(out)
 

@@ -14,7 +14,7 @@ HEIGHTS = ("height", "altitude")
 AXES: Mapping[str, tuple[str, ...]] = {"x": ("ax", "nx"), "y": ("ay", "ny"), "z": ("nz", "az")}
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx", "beta", "p", "r", "ay", "ny", "phi", "psi", *HEIGHTS)
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
-_WRAPPED = ("phi", "psi")
+WRAPPED = ("phi", "psi")
 _INCREMENTAL = 0.5  # g: a mean load below is one without the weight
 
 
@@ -64,7 +64,7 @@ def ready(record: Record, channels: Sequence[str], airspeed: float | None, gravi
     raw, valid, spikes, notes = {}, {}, {}, []
     for name in channels:
         values, there = record[name].values.copy(), record[name].valid.copy()
-        if name in _WRAPPED:
+        if name in WRAPPED:
             values[there] = np.unwrap(values[there])
         wrong = isolated(record.time[there], values[there])
         spikes[name] = int(np.count_nonzero(wrong))

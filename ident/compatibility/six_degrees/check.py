@@ -51,6 +51,8 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
         notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
     if not known_speed:
         notes.append("neither a recorded nor a given airspeed: the relations of alpha and beta cannot be used")
+    if "phi" not in channels:
+        notes.append("no bank angle is recorded: the wings are taken as level")
     together = len(signals) > 1
     base = fit(signals)
     faults = faults_of(signals[0], drifts=not together)
