@@ -58,12 +58,12 @@ def controls(t: float) -> tuple[float, float, float]:
     return 0.04 * _soft(t, _ELEVATOR), 0.06 * _soft(t, _AILERON), 0.06 * _soft(t, _RUDDER)
 
 
-def _loads(t: float, air: np.ndarray, rates: np.ndarray, trim: float, thrust: float) -> tuple[np.ndarray, np.ndarray]:
+def _loads(air: np.ndarray, rates: np.ndarray, moved: tuple[float, float, float], trim: float, thrust: float) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment along body axes."""
     u, v, w = air
     speed = math.sqrt(u * u + v * v + w * w)
     a, b = math.atan2(w, u), math.asin(v / speed)
-    elevator, aileron, rudder = controls(t)
+    elevator, aileron, rudder = moved
     p, q, r = rates * np.array([SPAN, CHORD, SPAN]) / (2.0 * speed)
     pressure = 0.5 * DENSITY * speed**2 * AREA
     lift = pressure * (5.0 * a + 0.45 * elevator + 6.0 * q)
@@ -77,36 +77,47 @@ def _loads(t: float, air: np.ndarray, rates: np.ndarray, trim: float, thrust: fl
 
 
 @functools.cache
-def fly(duration: float = 20.0, wind: tuple[float, float, float] = (6.0, -4.0, 0.0)) -> Mapping[str, np.ndarray]:
-    """The true motion every ``FINE`` s from level trim, in a steady wind (north, east, down, m/s)."""
+def fly(
+    duration: float = 20.0, wind: tuple[float, float, float] = (6.0, -4.0, 0.0), gusts: float = 0.0, seed: int = 0, level: bool = False
+) -> Mapping[str, np.ndarray]:
+    """The true motion every ``FINE`` s from level trim, in a steady wind (north, east, down, m/s).
+
+    ``gusts``: m/s, root mean square of each component of air that moves beside it, by a ``seed``. ``level``: by the elevator alone.
+    """
     start = 0.5 * DENSITY * SPEED**2 * AREA
     trim = MASS * G / (start * 5.0)
     thrust = start * (0.03 + 0.06 * (5.0 * trim) ** 2)
-    blowing, gravity, inverse = np.array(wind), np.array([0.0, 0.0, G]), np.linalg.inv(INERTIA)
+    gravity, inverse, rng = np.array([0.0, 0.0, G]), np.linalg.inv(INERTIA), np.random.default_rng(seed)
+    rates_of, phases = np.geomspace(0.3, 8.0, 24), rng.uniform(0.0, 2.0 * math.pi, (3, 24))
+    sizes = gusts * rng.standard_normal((3, 24)) / math.sqrt(12.0)
+    controls_at = (lambda t: (controls(t)[0], 0.0, 0.0)) if level else controls
+
+    def blowing(t: float) -> np.ndarray:
+        return np.asarray(wind + np.sum(sizes * np.sin(rates_of * t + phases), axis=1)) if gusts else np.array(wind)
 
     def slope(t: float, s: np.ndarray) -> np.ndarray:
         velocity, rates, to_earth = s[:3], s[3:6], s[6:15].reshape(3, 3)
-        force, moment = _loads(t, to_earth.T @ (velocity - blowing), rates, trim, thrust)
+        force, moment = _loads(to_earth.T @ (velocity - blowing(t)), rates, controls_at(t), trim, thrust)
         p, q, r = rates
         spin = np.array([[0.0, -r, q], [r, 0.0, -p], [-q, p, 0.0]])
         turned = inverse @ (moment - np.cross(rates, INERTIA @ rates))
         return np.concatenate([to_earth @ force / MASS + gravity, turned, (to_earth @ spin).ravel(), velocity])
 
-    level = np.array([[math.cos(trim), 0.0, math.sin(trim)], [0.0, 1.0, 0.0], [-math.sin(trim), 0.0, math.cos(trim)]])
-    first = np.concatenate([np.array([SPEED, 0.0, 0.0]) + blowing, np.zeros(3), level.ravel(), [0.0, 0.0, -1500.0]])
+    attitude = np.array([[math.cos(trim), 0.0, math.sin(trim)], [0.0, 1.0, 0.0], [-math.sin(trim), 0.0, math.cos(trim)]])
+    first = np.concatenate([np.array([SPEED, 0.0, 0.0]) + blowing(0.0), np.zeros(3), attitude.ravel(), [0.0, 0.0, -1500.0]])
     time = np.arange(round(duration / FINE) + 1) * FINE
     states = solve_ivp(slope, (0.0, duration), first, t_eval=time, rtol=1e-9, atol=1e-9, max_step=0.02).y
     out = {name: np.empty(len(time)) for name in (*UNITS, "elevator", "aileron", "rudder", "p_dot", "q_dot", "r_dot")}
     for k, t in enumerate(time):
         s = states[:, k]
         to_earth = s[6:15].reshape(3, 3)
-        air = to_earth.T @ (s[:3] - blowing)
-        force, _ = _loads(t, air, s[3:6], trim, thrust)
+        air = to_earth.T @ (s[:3] - blowing(t))
+        force, _ = _loads(air, s[3:6], controls_at(t), trim, thrust)
         speed = float(np.linalg.norm(air))
         row = {"airspeed": speed, "alpha": math.atan2(air[2], air[0]), "beta": math.asin(air[1] / speed), "height": -s[17]}
         row |= dict(zip("pqr", s[3:6].tolist(), strict=True)) | dict(zip(("p_dot", "q_dot", "r_dot"), slope(t, s)[3:6].tolist(), strict=True))
         row |= dict(zip(("ax", "ay", "az"), (force / MASS).tolist(), strict=True)) | dict(
-            zip(("elevator", "aileron", "rudder"), controls(t), strict=True)
+            zip(("elevator", "aileron", "rudder"), controls_at(t), strict=True)
         )
         row |= {"nx": row["ax"] / G, "ny": row["ay"] / G, "nz": -row["az"] / G}
         row |= {"theta": -math.asin(to_earth[2, 0]), "phi": math.atan2(to_earth[2, 1], to_earth[2, 2])}

@@ -12,12 +12,12 @@ from ident.compatibility.fitting import Fit
 from ident.compatibility.instruments import instruments_of
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import untold
-from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction
+from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate, SensorFinding
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
 from ident.compatibility.six_degrees.channels import BEYOND, ready, recorded, relations
 from ident.compatibility.six_degrees.fitting import fit
-from ident.compatibility.six_degrees.search import Searched, by_itself, estimates_and_findings, late, search
+from ident.compatibility.six_degrees.search import Searched, by_itself, drift_of, estimates_and_findings, late, search
 from ident.compatibility.six_degrees.selection import clocks
 from ident.compatibility.six_degrees.unknowns import faults_of
 from sim.record import Record
@@ -55,7 +55,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
         notes.append("no bank angle is recorded: the wings are taken as level")
     together = len(signals) > 1
     base = fit(signals)
-    faults = faults_of(signals[0], drifts=not together)
+    faults = faults_of(signals[0])
     found = search(signals, base, faults, settings)
     estimates, findings = estimates_and_findings(found)
     final = found.lines.found
@@ -67,7 +67,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     if together:
         joint = CheckResult(names, estimates, (), findings, levels)
         single = tuple(
-            CheckResult((names[r],), by_itself(found, r), biases[r], bias_findings(found.lines, r, biases[r], settings.false_alarm), levels)
+            CheckResult((names[r],), by_itself(found, r), biases[r], _of_one(found, r, biases[r], settings.false_alarm, len(signals)), levels)
             for r in (range(len(signals)) if each else ())
         )
     else:
@@ -76,6 +76,11 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     notes += _notes(found, signals)
     told = (*_unreached(channels, joined), *_untold(found, signals[0]), STEADY_WIND)
     return Compatibility(channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes))
+
+
+def _of_one(found: Searched, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int) -> tuple[SensorFinding, ...]:
+    """Biases and the drift of one record of several."""
+    return (*bias_findings(found.lines, r, biases, false_alarm), *drift_of(found, r, false_alarm / count))
 
 
 def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:

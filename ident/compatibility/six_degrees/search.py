@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.compatibility.estimates import difference_in_sigmas
 from ident.compatibility.fault_sets import TIE, charge_of
-from ident.compatibility.faults import DELAY, LAG, SensorFault
+from ident.compatibility.faults import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.fitting import Fit
 from ident.compatibility.grouping import chance_of, same_lateness
 from ident.compatibility.instruments import instrumented
@@ -32,7 +32,7 @@ _DEMANDED = 3.0  # standard deviations
 class Searched:
     """What a search has found: the ``lines`` around the joint fit of the ``standing`` faults (places in ``lines.faults``), the ``groups`` of
     each with what is lost with it, faults that were ``refused`` since records disagree. ``early``: a load and by how much it is ahead of its
-    time, s, where that explains more than any fault."""
+    time, s, where that explains more than any fault. ``common``: places of the faults that all records may share."""
 
     lines: Linear
     standing: tuple[int, ...]
@@ -41,24 +41,28 @@ class Searched:
     early: tuple[str, float] | None
     widening: float
     output_error: tuple[Normal, ...]
+    common: tuple[int, ...]
 
 
 def search(signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault], settings: CompatibilitySettings) -> Searched:
     """The set of faults that the records ask for, each with its group; beside the faults of ``base``, which are none."""
-    charge, early = charge_of(settings.false_alarm, len(faults)), not instrumented(signals)
+    # A drift belongs to one record.
+    common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
+    charge, early = charge_of(settings.false_alarm, len(common)), not instrumented(signals)
     refused: set[int] = set()
     while True:
-        lines, members, ahead = _settled(signals, base, faults, [i for i in range(len(faults)) if i not in refused], charge, settings.most, early)
+        lines, members, ahead = _settled(signals, base, faults, [i for i in common if i not in refused], charge, settings.most, early)
         failing = {i for i in members if not _replicates(lines, members, i)}
         if not failing:
             break
         refused |= failing
     sets = fitted(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
     widening = float(np.mean(sets.widening)) if members else 1.0
-    chance = chance_of(settings.false_alarm, len(faults))
-    groups = tuple(_group(lines, members, i, chance, widening, refused) for i in members)
+    chance = chance_of(settings.false_alarm, len(common))
+    among = [i for i in common if i not in refused]
+    groups = tuple(_group(lines, members, i, chance, widening, among) for i in members)
     other = tuple(by_output_error(lines, r) for r in range(len(signals)))
-    return Searched(lines, members, groups, frozenset(refused), ahead, widening, other)
+    return Searched(lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common))
 
 
 def _settled(
@@ -133,10 +137,10 @@ def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, n
     return np.array(values), np.array(weights)
 
 
-def _group(lines: Linear, members: Sequence[int], i: int, chance: float, widening: float, refused: set[int]) -> tuple[tuple[int, float], ...]:
+def _group(lines: Linear, members: Sequence[int], i: int, chance: float, widening: float, among: Sequence[int]) -> tuple[tuple[int, float], ...]:
     """A fault that stands and what does as well in its place: places and losses of log likelihood."""
     rest = [j for j in members if j != i]
-    rivals = [j for j in range(len(lines.faults)) if j not in members and j not in refused]
+    rivals = [j for j in among if j not in members]
     sets = fitted(lines.joint, lines.faults, np.array([[*rest, j] for j in rivals]).reshape(len(rivals), -1), early=False)
     own = fitted(lines.joint, lines.faults, np.array([[*rest, i]]), early=False)
     losses = (own.gain[0] - sets.gain) / widening + TIE * np.array([lines.faults[j].rare for j in rivals])
@@ -150,10 +154,11 @@ def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...],
     stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
     stood |= {i: (i, 0.0) for i in found.standing}
     by_other = added(found.output_error)
-    estimates, lost = [], {}
-    for j in range(len(faults)):
+    estimates: dict[int, SensorEstimate] = {}
+    lost: dict[int, float | None] = {}
+    for j in found.common:
         context, lost[j] = _context(found, j, stood)
-        estimates.append(_estimate(lines.joint, by_other, faults, context, j))
+        estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
     findings, said = [], set()
     for group in found.groups:
         names = [faults[j].name for j, _ in group]
@@ -162,9 +167,9 @@ def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...],
                 others = tuple(name for name in names if name != faults[j].name)
                 findings.append(_finding(estimates[j], faults[j], others, loss, stands=True))
                 said.add(j)
-    rest = sorted((j for j in range(len(faults)) if j not in said), key=lambda j: estimates[j].p_value)
+    rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
     findings += [replace(_finding(estimates[j], faults[j], (), lost[j], stands=False), replicates=j not in found.refused) for j in rest]
-    return tuple(estimates), tuple(findings)
+    return tuple(estimates.values()), tuple(findings)
 
 
 def _context(found: Searched, j: int, stood: dict[int, tuple[int, float]]) -> tuple[list[int], float | None]:
@@ -220,7 +225,25 @@ def by_itself(found: Searched, r: int) -> tuple[SensorEstimate, ...]:
     lines = found.lines
     stood = {j: (i, lost) for i, group in zip(found.standing, found.groups, strict=True) for j, lost in group}
     one, other = lines.smoother[r], found.output_error[r]
-    return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in range(len(lines.faults)))
+    return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common)
+
+
+def drift_of(found: Searched, r: int, false_alarm: float) -> tuple[SensorFinding, ...]:
+    """The drift that one record of several has, if any, beside all that stands; ``false_alarm``: of this record."""
+    lines, normal = found.lines, found.lines.smoother[r]
+    members = list(found.standing)
+    sizes = fitted(lines.joint, lines.faults, np.array([members], dtype=int).reshape(1, -1), early=False).sizes[0]
+    beside = replace(normal, gradient=normal.gradient - normal.information[:, members] @ sizes)
+    drifts = [j for j, fault in enumerate(lines.faults) if fault.kind == DRIFT]
+    sets, row = best_set(beside, lines.faults, drifts, charge_of(false_alarm, len(drifts)), 1, early=False)
+    out = []
+    for j in sets.members[row].tolist():
+        item = _estimate(beside, found.output_error[r], lines.faults, [j], j)
+        rivals = fitted(beside, lines.faults, np.array([[k] for k in drifts if k != j]), early=False)
+        near = (sets.gain[row] - rivals.gain) / float(sets.widening[row, 0]) <= chance_of(false_alarm, len(drifts))
+        group = tuple(lines.faults[k].name for k in rivals.members[near & rivals.sound, 0].tolist())
+        out.append(_finding(item, lines.faults[j], group, 0.0, stands=True))
+    return tuple(out)
 
 
 def late(faults: Sequence[SensorFault]) -> set[str]:

@@ -49,10 +49,10 @@ def start_of(s: Signals, unknowns: Sequence[Unknown]) -> np.ndarray:
     return out
 
 
-def faults_of(s: Signals, *, drifts: bool) -> tuple[SensorFault, ...]:
+def faults_of(s: Signals) -> tuple[SensorFault, ...]:
     """All faults that the sensors of a record may have; biases are unknowns of each record."""
     channels = tuple(s.channels)
-    out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, *([DRIFT] if drifts else []))]
+    out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
     felt: dict[str, list[str]] = {"alpha": [ARM, RIGHT], "beta": [ARM, BELOW]}
     loads = {axis: load_on(axis, channels) for axis in "xyz"}
     for axis, kinds in (("x", [RIGHT, BELOW]), ("y", [ARM, BELOW]), ("z", [ARM, RIGHT])):
