@@ -43,7 +43,7 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
 
     Parameters
     ----------
-    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants and limits.
+    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants, limits.
     each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
 
     Raises

@@ -20,13 +20,15 @@ G = 9.80665
 MASS, INERTIA = 6000.0, np.array([[14000.0, 0.0, -1100.0], [0.0, 22000.0, 0.0], [-1100.0, 0.0, 33000.0]])
 AREA, CHORD, SPAN, DENSITY, SPEED = 24.0, 2.2, 12.0, 0.95, 130.0
 DEGREE = math.pi / 180.0
-FINE = 0.005  # s
+FINE = 0.01  # s
 UNITS = {"alpha": "rad", "beta": "rad", "airspeed": "m/s", "p": "rad/s", "q": "rad/s", "r": "rad/s", "phi": "rad", "theta": "rad", "psi": "rad"} | {
     **{"ax": "m/s2", "ay": "m/s2", "az": "m/s2", "nz": "g", "ny": "g", "nx": "g", "height": "m"}
 }
-NOISE = {name: 0.15 * DEGREE for name in ("alpha", "beta", "p", "q", "r")} | {name: 0.2 * DEGREE for name in ("phi", "theta", "psi")} | {
-    **{"airspeed": 0.3, "ax": 0.05, "ay": 0.05, "az": 0.1, "nz": 0.01, "ny": 0.005, "nx": 0.005, "height": 1.0}
-}
+NOISE = (
+    {name: 0.15 * DEGREE for name in ("alpha", "beta", "p", "q", "r")}
+    | {name: 0.2 * DEGREE for name in ("phi", "theta", "psi")}
+    | {**{"airspeed": 0.3, "ax": 0.05, "ay": 0.05, "az": 0.1, "nz": 0.01, "ny": 0.005, "nx": 0.005, "height": 1.0}}
+)
 WHOLE = ("p", "q", "r", "ax", "ay", "az", "phi", "theta", "psi", "airspeed", "alpha", "beta", "height")
 LATERAL = ("beta", "p", "r", "phi", "ny")
 
@@ -106,7 +108,7 @@ def fly(
     attitude = np.array([[math.cos(trim), 0.0, math.sin(trim)], [0.0, 1.0, 0.0], [-math.sin(trim), 0.0, math.cos(trim)]])
     first = np.concatenate([np.array([SPEED, 0.0, 0.0]) + blowing(0.0), np.zeros(3), attitude.ravel(), [0.0, 0.0, -1500.0]])
     time = np.arange(round(duration / FINE) + 1) * FINE
-    states = solve_ivp(slope, (0.0, duration), first, t_eval=time, rtol=1e-9, atol=1e-9, max_step=0.02).y
+    states = solve_ivp(slope, (0.0, duration), first, t_eval=time, rtol=1e-8, atol=1e-8, max_step=0.05, method="DOP853").y
     out = {name: np.empty(len(time)) for name in (*UNITS, "elevator", "aileron", "rudder", "p_dot", "q_dot", "r_dot")}
     for k, t in enumerate(time):
         s = states[:, k]
@@ -154,10 +156,12 @@ def shown(flown: Mapping[str, np.ndarray], channels: tuple[str, ...], faults: Fa
             y = _felt(flown, name, faults.accelerometers[name])
         y = np.unwrap(y) if name in ("psi", "phi") else y
         if name in faults.lag:
-            share, slow = 1.0 - math.exp(-FINE / faults.lag[name]), np.empty_like(y)
-            value = y[0]
-            for i, now in enumerate(y.tolist()):
-                value += share * (now - value)
+            # The solution of a first-order lag of straight pieces.
+            ratio, slow = FINE / faults.lag[name], np.empty_like(y)
+            value, keep = y[0], math.exp(-ratio)
+            for i in range(len(y)):
+                before = y[max(i - 1, 0)]
+                value = keep * value + (1.0 - keep) * before + (y[i] - before) * (1.0 - (1.0 - keep) / ratio)
                 slow[i] = value
             y = slow
         y = np.interp(time - faults.delay.get(name, 0.0), fine, y)

@@ -60,7 +60,8 @@ def bias_findings(lines: Linear, r: int, estimates: Sequence[SensorEstimate], fa
         excess = max(abs(size.value) - fault.worth, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.told and item.agrees and p * len(estimates) < false_alarm:
-            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, instead_of(lines, r, item.channel, false_alarm), item.name))
+            group = instead_of(lines, r, item.channel, false_alarm)
+            out.append(SensorFinding(item.channel, BIAS, size.value, size.std, item.unit, item.gain, True, group, item.name))
     return tuple(out)
 
 

@@ -16,8 +16,9 @@ from ident.compatibility.result import CheckResult, Compatibility, Compatibility
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
 from ident.compatibility.six_degrees.channels import BEYOND, ready, recorded, relations
+from ident.compatibility.six_degrees.findings import by_itself, drift_of, estimates_and_findings, late
 from ident.compatibility.six_degrees.fitting import fit
-from ident.compatibility.six_degrees.search import Searched, by_itself, drift_of, estimates_and_findings, late, search
+from ident.compatibility.six_degrees.search import Searched, search
 from ident.compatibility.six_degrees.selection import clocks
 from ident.compatibility.six_degrees.unknowns import faults_of
 from sim.record import Record
@@ -80,7 +81,9 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
 
 def _of_one(found: Searched, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int) -> tuple[SensorFinding, ...]:
     """Biases and the drift of one record of several."""
-    return (*bias_findings(found.lines, r, biases, false_alarm), *drift_of(found, r, false_alarm / count))
+    drift = drift_of(found, r, false_alarm / count)
+    drifts = {finding.name for finding in drift}
+    return (*(bias for bias in bias_findings(found.lines, r, biases, false_alarm) if not drifts.intersection(bias.group)), *drift)
 
 
 def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:
@@ -94,9 +97,7 @@ def _notes(found: Searched, signals: Sequence[Signals]) -> list[str]:
     behind = late([found.lines.faults[i] for i in found.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
     if behind & set(clocks(tuple(signals[0].channels))) and on_time:
-        out.append(
-            f"times count from {', '.join(on_time)}, which agree: what all channels are late by against the inputs, kinematics cannot see"
-        )
+        out.append(f"times count from {', '.join(on_time)}, which agree: what all channels are late by against the inputs, kinematics cannot see")
     return out
 
 
@@ -125,4 +126,3 @@ def _reconstructions(base: Fit, final: Fit) -> tuple[Reconstruction, ...]:
         shown = [{name: values[i] for i, name in rows} for values in (plain, y, smooth, s.valid)]
         out.append(Reconstruction(s.name, s.time, measured, *shown))
     return tuple(out)
-

@@ -75,7 +75,7 @@ def _motion(s: Signals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
     for axis in "xyz":
         if (channel := load_on(axis, tuple(s.channels))) is not None:
             pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(s, axis, channel, value, rates)
-    return _Motion(*(angles[name] for name in ("phi", "theta", "alpha", "beta")), speed, turned, pushed)
+    return _Motion(angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed)
 
 
 def _at_vane(

@@ -39,12 +39,12 @@ def settled_noise(signals: Sequence[Signals], residuals: Sequence[np.ndarray], c
     for i in range(len(begun.outputs)):
         white[i], walk[i] = _of_output(i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density))
     density, alone = begun.density.copy(), np.count_nonzero(gains, axis=1) == 1
-    known = set()
-    for i in np.flatnonzero(alone):
+    known: set[int] = set()
+    for i in np.flatnonzero(alone).tolist():
         j = int(np.flatnonzero(gains[i])[0])
         density[j] = walk[i] / gains[i, j] ** 2
         known.add(j)
-    for i in np.flatnonzero(~alone):
+    for i in np.flatnonzero(~alone).tolist():
         free = [j for j in np.flatnonzero(gains[i]) if j not in known]
         rest = walk[i] - sum(gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known)
         if free:
