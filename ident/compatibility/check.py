@@ -16,6 +16,8 @@ from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.six_degrees.check import check as six_degrees
+from ident.compatibility.six_degrees.check import has_six_degrees
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
@@ -29,6 +31,7 @@ _NEEDS = {
     "ax": ("airspeed",),
 }
 SHORTEST = 20  # samples
+LATERAL_CONTROLS = ("aileron", "rudder")
 
 
 def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True) -> Compatibility:
@@ -36,10 +39,11 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
 
     Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
     record and to sensor faults that all records share, each estimated by output error and by a smoother. No vehicle is known.
+    Where the channels close a relation of sideslip, bank, heading or height, all six degrees of freedom are (``six_degrees``).
 
     Parameters
     ----------
-    records : channels of ``measured_channels``; those that all records have are used. settings : constants and limits.
+    records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants, limits.
     each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
 
     Raises
@@ -55,6 +59,9 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
 def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
     for record in records:
         _refuse(record)
+    if has_six_degrees(records, settings):
+        return six_degrees(records, settings, each=each)
+    records = [_longitudinal(record) for record in records]
     channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
     notes = [f"az serves as nz = -az/g0 ({record.name})" for record in records if "nz" in channels and "nz" not in record.output_names]
     usable = channels
@@ -150,6 +157,12 @@ def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
             lift = ": without the load the lift between alpha and q is unknown" if name == "alpha" and "nz" in missing and "q" in channels else ""
             out.append(f"{name}: nothing can be told, {why}{lift}")
     return tuple(out)
+
+
+def _longitudinal(record: Record) -> Record:
+    """The record without controls that move another motion."""
+    inputs = tuple(control for control in record.inputs if control.name not in LATERAL_CONTROLS)
+    return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
 
 
 def _refuse(record: Record) -> None:

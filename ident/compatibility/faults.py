@@ -6,8 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
-UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "ax": "m/s2"}
-_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3}  # a bias that is worth a word
+RIGHT, BELOW = "arm-right", "arm-below"  # as ARM is ahead, along the other two axes
+ARMS = (ARM, RIGHT, BELOW)
+VANES = ("alpha", "beta")
+PACKAGE = "accelerometers"  # all of them, on one base
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g", "theta": "rad", "airspeed": "m/s", "ax": "m/s2"} | {
+    **{"beta": "rad", "phi": "rad", "psi": "rad", "p": "rad/s", "r": "rad/s", "ny": "g", "nx": "g", "ay": "m/s2", "az": "m/s2"},
+    **{"height": "m", "altitude": "m", "wind": "m/s"},
+}
+_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3} | {  # a bias that is worth a word
+    **{"beta": 0.02, "phi": 0.02, "psi": 0.02, "p": 0.005, "r": 0.005, "ny": 0.03, "nx": 0.03, "ay": 0.3, "az": 0.5},
+    **{"height": 10.0, "altitude": 10.0, "wind": 3.0},
+}
 
 
 @dataclass(frozen=True)
@@ -15,7 +25,8 @@ class SensorFault:
     """One way in which one channel is wrong; its ``size`` is zero where the sensor is right.
 
     bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag: s, the reading is late.
-    drift: channel's unit/s from the record's begin. arm: m, the vane (alpha) or the accelerometer (nz) ahead of the centre of gravity.
+    drift: channel's unit/s from the record's begin. arm: m, the vane (alpha, beta) or the accelerometer (nz, all others in six degrees of
+    freedom) ahead of the centre of gravity; arm-right, arm-below: m, to the right of it and below.
     """
 
     channel: str
@@ -24,20 +35,22 @@ class SensorFault:
     @property
     def name(self) -> str:
         """The effect's name; ``bias:CH`` for a bias, which is no effect."""
-        if self.kind == ARM:
-            return "vane-offset" if self.channel == "alpha" else f"accelerometer-offset:{self.channel}"
+        if self.kind in ARMS:
+            sensor = "vane-offset" if self.channel in VANES else "accelerometer-offset"
+            of = "" if self.channel == PACKAGE or (self.channel, self.kind) == ("alpha", ARM) else f":{self.channel}"
+            return f"{sensor}{self.kind.removeprefix(ARM)}{of}"
         return f"bias:{self.channel}" if self.kind == BIAS else f"sensor-{self.kind}:{self.channel}"
 
     @property
     def unit(self) -> str:
         """Unit of its size."""
-        own = {SCALE: "1", DELAY: "s", LAG: "s", ARM: "m"}
+        own = {SCALE: "1", DELAY: "s", LAG: "s"} | dict.fromkeys(ARMS, "m")
         return own.get(self.kind) or (f"{UNITS[self.channel]}/s" if self.kind == DRIFT else UNITS[self.channel])
 
     @property
     def plausible(self) -> float:
         """A size that is common in practice: the scale of what a record can tell."""
-        own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05, ARM: 5.0}
+        own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
         return own.get(self.kind) or (0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel])
 
     @property
@@ -48,18 +61,18 @@ class SensorFault:
     @property
     def largest(self) -> float:
         """The size beyond which no fit looks, either sign."""
-        own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5, ARM: 60.0}
+        own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
         return own.get(self.kind, 1e6)
 
     @property
     def one_sided(self) -> bool:
         """Whether only a positive size can be: nothing is recorded before it happens, and no vane stands behind."""
-        return self.kind in (DELAY, LAG) or (self.kind, self.channel) == (ARM, "alpha")
+        return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in VANES)
 
     @property
     def rare(self) -> bool:
         """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q, one behind an arm of the vane."""
-        return (self.kind, self.channel) == (ARM, "nz")
+        return self.kind == ARM and self.channel in ("nz", "az")
 
     @property
     def offset(self) -> float:

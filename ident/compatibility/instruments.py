@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.compatibility.noise import NoiseModel, whitener
-from ident.compatibility.signals import Signals
+from ident.compatibility.signals import Signals, differences
 from sim.record import Record
 
 # s back from now, in which the mean of a control is taken: an impulse response in steps.
@@ -25,13 +25,16 @@ _ALIKE = 1e-9  # of the largest eigenvalue: such a combination of instruments is
 Weigher = Callable[[np.ndarray], np.ndarray]
 
 
-def instruments_of(record: Record) -> np.ndarray:
-    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a parabola; without a control that moves none."""
+def instruments_of(record: Record, every: int = 1) -> np.ndarray:
+    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a parabola; without a control that moves none.
+
+    ``every``: of the times that bound the stretches, only every so many.
+    """
     t = record.time - record.time[0]
     moved = [channel.values - channel.values[0] for channel in record.inputs if np.ptp(channel.values) > 0]
     if not moved:
         return np.empty((len(t), 0))
-    back: tuple[float, ...] = _BACK
+    back: tuple[float, ...] = _BACK[::every]
     while len(moved) * len(back) * _SHARE > len(t) and len(back) > 3:
         back = back[::2]
     columns = [np.ones(len(t)), t, t**2]
@@ -58,6 +61,16 @@ def weigher(s: Signals, noise: NoiseModel) -> Weigher:
     flat = white.of_differences(s.instrument_differences).reshape(n, m, -1)
     part = _projection(_orthonormal(flat.transpose(1, 0, 2).reshape(m * n, -1)))
     return lambda columns: part(white(columns))
+
+
+@lru_cache(maxsize=24)
+def shortened(s: Signals, noise: NoiseModel) -> Callable[[np.ndarray], np.ndarray]:
+    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same products."""
+    white = whitener(s, noise)
+    if not s.instruments.shape[1]:
+        return lambda columns: white.of_differences(differences(columns))
+    basis = _orthonormal(white.of_differences(s.instrument_differences))
+    return lambda columns: basis.T @ white.of_differences(differences(columns))
 
 
 def part_of_controls(s: Signals) -> Weigher:

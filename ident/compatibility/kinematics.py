@@ -34,14 +34,14 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
     speed = s.speed
     if "airspeed" in s.channels:
         speed = (speed - value("airspeed", BIAS)) / (1.0 + value("airspeed", SCALE))
-    over_speed = 1.0 / _middle(speed)
-    inputs = {name: _increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels}
+    over_speed = 1.0 / middle(speed)
+    inputs = {name: increments(s, name, value, h) for name in ("q", "nz", "ax") if name in s.channels}
     if "nz" in inputs and np.any(value("nz", ARM)):
         # An accelerometer ahead feels the pitch acceleration too: nz + (arm/g0) q_dot.
-        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(_samples(s, "q", value))
+        inputs["nz"] = inputs["nz"] - value("nz", ARM) / G0 * np.diff(samples(s, "q", value))
     states: dict[str, np.ndarray] = {}
     if "theta" in s.outputs or "theta" in s.channels:
-        states["theta"] = value("start", "theta") + _sum(inputs["q"])
+        states["theta"] = value("start", "theta") + summed(inputs["q"])
     if "alpha" in s.outputs:
         load = G0 * over_speed * inputs["nz"]
         if s.jumps.size:
@@ -49,14 +49,14 @@ def reconstructed(s: Signals, value: Values) -> np.ndarray:
         if "theta" in s.channels:
             alpha = _with_theta(s, value, inputs, over_speed, load, states["theta"], h)
         else:
-            turn = _sum(load)
-            bend = s.gravity * over_speed * h * _middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
-            alpha = value("start", "alpha") + _sum(inputs["q"] - load + bend)
+            turn = summed(load)
+            bend = s.gravity * over_speed * h * middle(value("turn", "1") * turn - 0.5 * (0.5 + value("turn", "2")) * turn**2)
+            alpha = value("start", "alpha") + summed(inputs["q"] - load + bend)
         states["alpha"] = alpha
     if "airspeed" in s.outputs:
         a, climb = states["alpha"], states["theta"] - states["alpha"]
-        push = _middle(np.cos(a)) * inputs["ax"] - G0 * _middle(np.sin(a)) * inputs["nz"] - s.gravity * h * _middle(np.sin(climb))
-        states["airspeed"] = value("start", "airspeed") + _sum(push)
+        push = middle(np.cos(a)) * inputs["ax"] - G0 * middle(np.sin(a)) * inputs["nz"] - s.gravity * h * middle(np.sin(climb))
+        states["airspeed"] = value("start", "airspeed") + summed(push)
     out = [_read(s, name, states[name], value, speed) for name in s.outputs]
     width = max(row.shape[0] for row in out)
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
@@ -67,16 +67,16 @@ def _with_theta(
 ) -> np.ndarray:
     alpha = s.channels["alpha"][None]
     for _ in range(_SWEEPS):
-        gravity = s.gravity * over_speed * h * _middle(np.cos(theta - alpha))
+        gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
         if "ax" in inputs:
-            change = inputs["q"] - load * _middle(np.cos(alpha)) - over_speed * inputs["ax"] * _middle(np.sin(alpha)) + gravity
+            change = inputs["q"] - load * middle(np.cos(alpha)) - over_speed * inputs["ax"] * middle(np.sin(alpha)) + gravity
         else:
             change = inputs["q"] - load + gravity
-        alpha = value("start", "alpha") + _sum(change)
+        alpha = value("start", "alpha") + summed(change)
     return alpha
 
 
-def _increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
+def increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
     """Integral of the true signal over each interval from its faulty reading, cubic between samples: ``(P, N - 1)``."""
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -85,11 +85,11 @@ def _increments(s: Signals, name: str, value: Values, h: np.ndarray) -> np.ndarr
     read = np.diff(_shifted(t, whole, x, delay)) if np.any(delay) else np.diff(whole)[None]
     if np.any(lag):
         read = read + lag * np.diff(_shifted(t, x, _slopes(x, t), delay) if np.any(delay) else x[None])
-    wrong = value(name, BIAS) + value(name, DRIFT) * (_middle(t) - t[0])
+    wrong = value(name, BIAS) + value(name, DRIFT) * (middle(t) - t[0])
     return np.asarray((read - wrong * h) / (1.0 + value(name, SCALE)))
 
 
-def _samples(s: Signals, name: str, value: Values) -> np.ndarray:
+def samples(s: Signals, name: str, value: Values) -> np.ndarray:
     """The true signal at the samples from its faulty reading: ``(P, N)``."""
     read, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -101,11 +101,16 @@ def _samples(s: Signals, name: str, value: Values) -> np.ndarray:
 
 
 def _read(s: Signals, name: str, state: np.ndarray, value: Values, speed: np.ndarray) -> np.ndarray:
-    """What the sensor of a state shows: arm (with the true pitch rate), lag, delay, scale, bias and drift, in the order of the signal."""
-    y, t = state, s.time
+    """What the sensor of a state shows: arm (with the true pitch rate), then as ``shown``."""
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
-        y = y - arm / speed * _samples(s, "q", value)
+        state = state - arm / speed * samples(s, "q", value)
+    return shown(s, name, state, value)
+
+
+def shown(s: Signals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
+    """What a sensor makes of a signal ``(P, N)``: lag, delay, scale, bias and drift, in this order."""
+    t = s.time
     delay, lag = value(name, DELAY), value(name, LAG)
     if np.any(lag):
         y = _lagged(y, _slopes(y, t), t, lag)
@@ -155,11 +160,13 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
     return np.asarray((1.0 - w1) * y[:, k] + w1 * y[:, k + 1] + m0 * dy[:, k] + m1 * dy[:, k + 1])
 
 
-def _middle(x: np.ndarray) -> np.ndarray:
+def middle(x: np.ndarray) -> np.ndarray:
+    """Means of neighbouring samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
-def _sum(increments: np.ndarray) -> np.ndarray:
+def summed(increments: np.ndarray) -> np.ndarray:
+    """Samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
     out = np.zeros((len(increments), increments.shape[1] + 1))
     np.cumsum(increments, axis=1, out=out[:, 1:])

@@ -15,7 +15,9 @@ import numpy as np
 from ident.compatibility.signals import Signals, differences
 
 _MISSING = 1e8  # times the noise variance: such a sample says nothing
-_INPUTS = {"alpha": ("q", "nz"), "theta": ("q",), "airspeed": ("ax",)}
+_INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
+    **{"phi": ("p",), "psi": ("r",), "beta": ("r", "ny", "ay"), "height": ("theta",), "altitude": ("theta",)},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,12 @@ def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
     """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz too."""
     if tuple(outputs) == ("alpha",):
         return ("q",)
-    return tuple(dict.fromkeys(name for output in outputs for name in _INPUTS[output]))
+    return tuple(dict.fromkeys(name for output in outputs for name in _INPUTS[output] if name in ("q", "nz", "ax")))
+
+
+def inputs_of(output: str) -> tuple[str, ...]:
+    """Channels whose noise walks in an output."""
+    return _INPUTS[output]
 
 
 def first_noise(all_signals: Sequence[Signals]) -> NoiseModel:
@@ -48,12 +55,13 @@ def first_noise(all_signals: Sequence[Signals]) -> NoiseModel:
     outputs = all_signals[0].outputs
     inputs = walking_inputs(outputs)
     rough = {
-        name: float(np.mean([_roughness(s.channels[name]) for s in all_signals])) for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
+        name: float(np.mean([roughness(s.channels[name]) for s in all_signals])) for name in {*outputs, *inputs, *(["nz"] if "nz" in inputs else [])}
     }
     return NoiseModel(outputs, inputs, np.array([rough[name] for name in outputs]), np.array([rough[name] for name in inputs]))
 
 
-def _roughness(x: np.ndarray) -> float:
+def roughness(x: np.ndarray) -> float:
+    """Variance of a channel's noise as its third differences show it."""
     third = np.diff(x, 3)
     # The median is not moved by the few samples at which a held input switches.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
@@ -66,8 +74,19 @@ def walk_gains(s: Signals, noise: NoiseModel) -> np.ndarray:
     for i, output in enumerate(noise.outputs):
         for j, name in enumerate(noise.inputs):
             if name in _INPUTS[output]:
-                out[i, j] = s.gravity / float(np.mean(s.speed)) if name == "nz" else 1.0
+                out[i, j] = _gain(s, output, name)
     return out
+
+
+def _gain(s: Signals, output: str, name: str) -> float:
+    speed = float(np.mean(s.speed))
+    if name in ("nz", "ny"):
+        return s.gravity / speed
+    if name in ("az", "ay"):
+        return 1.0 / speed
+    if name == "theta":
+        return speed
+    return {"nx": s.gravity}.get(name, -1.0 if (output, name) == ("beta", "r") else 1.0)
 
 
 @dataclass(frozen=True, eq=False)

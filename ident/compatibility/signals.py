@@ -81,7 +81,7 @@ def signals_of(record: Record, channels: tuple[str, ...], airspeed: float | None
     raw, valid, spikes = {}, {}, {}
     for name in channels:
         values, there = _channel(record, name)
-        wrong = _isolated(record.time[there], values[there])
+        wrong = isolated(record.time[there], values[there])
         spikes[name] = int(np.count_nonzero(wrong))
         there = there.copy()
         there[np.flatnonzero(there)[wrong]] = False
@@ -118,7 +118,7 @@ def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
     return record[name].values, record[name].valid
 
 
-def _isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """True at single samples that neither the line before, nor the line behind, nor the neighbours' mean explains: a corner is no spike."""
     out = np.zeros(len(x), dtype=bool)
     if len(x) < 12:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.compatibility.check import compatibility
 from ident.compatibility.result import Compatibility, CompatibilitySettings
-from ident.compatibility.signals import CHANNELS, measured_channels
+from ident.compatibility.signals import measured_channels
+from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
@@ -23,7 +24,7 @@ from sim.declaration.parameters import AIRSPEEDS
 from sim.errors import RecordError
 from sim.record import Channel, Record
 
-INPUTS = ("elevator", STICK)
+INPUTS = ("elevator", STICK, "aileron", "rudder")
 PRESSURE = "dynamic_pressure"
 
 
@@ -99,13 +100,25 @@ def record_to_check(
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
     record = replace(read, inputs=inputs, outputs=outputs, name=named(file.path, segment, several=len(plan.segments) > 1))
-    (record,), look = looked_at([record], _expected(vehicle), plan)
+    (record,), look = looked_at([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
-    if not measured_channels(record):
+    if not measured_channels(record) and not recorded(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
         raise RecordError(what, where=file.path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
     record, of_filter = filtered(record, plan)
     return record, tuple(said for said in (of_speed, of_filter) if said), look
+
+
+def _unwrapped(record: Record) -> Record:
+    """The record with bank and heading that do not jump by a turn where they are shown within one."""
+    outputs = []
+    for channel in record.outputs:
+        values = channel.values
+        if channel.name in WRAPPED:
+            values = np.full(len(record), np.nan)
+            values[channel.valid] = np.unwrap(channel.values[channel.valid])
+        outputs.append(Channel.of(channel.name, channel.unit, values) if channel.name in WRAPPED else channel)
+    return replace(record, outputs=tuple(outputs))
 
 
 def _expected(vehicle: VehicleFile | None) -> Expectations:

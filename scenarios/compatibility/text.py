@@ -6,13 +6,17 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from ident.compatibility.faults import PACKAGE, VANES
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
-WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"}
+WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"} | {
+    "bias": "{} reads {} too much"
+}
+PLACES = {"arm": "ahead of", "arm-right": "to the right of", "arm-below": "below"}
 
 
 def print_check(check: Check, out: Console | None = None) -> None:
@@ -55,6 +59,7 @@ def finding_lines(check: Check) -> list[str]:
         for single in result.single:
             drifts = [f for f in single.findings if f.stands and f.kind == "drift"]
             lines += [f"stands in {single.records[0]} alone: {sentence(f)}" for f in drifts[:1]]
+            lines += [f"stands in {single.records[0]}: {sentence(f)}" for f in single.findings if f.stands and f.kind == "bias"]
     if result.joint.estimates and not any(line.startswith("stands") for line in lines):
         lines.append("no sensor fault stands: the channels agree with each other within their noise")
     for item in result.joint.estimates:
@@ -66,14 +71,23 @@ def finding_lines(check: Check) -> list[str]:
 def sentence(finding: SensorFinding) -> str:
     """One finding with its alternatives."""
     value = f"{number(finding.value, finding.std)} +- {number(finding.std, finding.std)}"
-    if finding.kind == "arm":
-        sensor = "vane" if finding.channel == "alpha" else "accelerometer"
-        what = f"the {sensor} is {value} m ahead of the centre of gravity"
+    if finding.kind in PLACES:
+        what = f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
+    elif finding.channel == "wind":
+        what = f"the air rises by {value} {finding.unit}"
     else:
-        unit = f" {finding.unit}" if finding.kind == "drift" else ""
+        unit = f" {finding.unit}" if finding.kind in ("drift", "bias") else ""
         what = WORDS[finding.kind].format(finding.channel, value + unit)
     other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
     return f"{finding.name}, {what} (gain {finding.gain:.1f}{other})"
+
+
+def _sensor(channel: str) -> str:
+    if channel == PACKAGE:
+        return "the accelerometers are"
+    if channel in ("alpha", "nz"):
+        return "the vane is" if channel == "alpha" else "the accelerometer is"
+    return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
 def _print_estimates(out: Console, title: str, result: CheckResult) -> None:

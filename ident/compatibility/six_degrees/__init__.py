@@ -1,0 +1,1 @@
+"""Data compatibility in six degrees of freedom."""
