@@ -58,6 +58,8 @@ class Traits:
         samples, and no more.
     background : True for motion that any real record may have whatever else is wrong: it is offered before all others, and where it is
         significant it belongs to the model of every candidate.
+    general : True for one of many instances of a general form, less specific than a named cause: offered where no single named effect, and no
+        guard, explains the records.
     """
 
     sentences: tuple[str, ...] = ()
@@ -86,3 +88,4 @@ class Traits:
     recorded_as: str = ""
     within_interval: str = ""
     background: bool = False
+    general: bool = False

@@ -1,0 +1,127 @@
+"""Instances of the general form: a parameter that varies with a signal, where no named effect alone explains the records.
+
+There are many of them and none has a cause of its own, so that they stand behind what has: the best of n pays for the choice, must leave noise,
+and takes the place of a set that leaves noise, a guard's among them, only where it is clearly better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import log
+from typing import cast
+
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing import thresholds
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.quantities import stands_out_somewhere
+from ident.tracing.diagnosis import Step
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import Finding, collinear
+from ident.tracing.screening.stacked import Varying, screen_varying
+from ident.tracing.selection.backward import freer_form
+from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
+from ident.tracing.selection.expansion import best_fit, evidence_of
+from ident.tracing.selection.ledger import Ledger
+
+
+def choice_price(number: int) -> float:
+    """What the best of so many candidates has to bring more than one of them, in twice the log likelihood: its p-value times their number."""
+    return 2.0 * log(number) if number else 0.0
+
+
+def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel) -> tuple[Ledger, FittedModel]:
+    """The set that a search ended with, or one with an instance of the general form where no single named effect explains the records.
+
+    ``base`` : the declared model with what any record may have. Alone beside that first; where no instance leaves noise, beside the best
+    named effects, unless the residual stays far from noise throughout. A ledger that finds none is left as it was, but for evidence.
+    """
+    if not ledger.problem.general or _is_named(ledger, best):
+        return ledger, best
+    told, white = alone(ledger, base)
+    if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(told, base):
+        for start in _beside(ledger, base, best):
+            told, found = _leaving_noise(told, start, thresholds.GENERAL_BESIDE)
+            white += found
+    least = min(white, key=lambda fitted: _total(ledger, fitted), default=None)
+    if least is None or not _wins(ledger, least, best):
+        return ledger.told(evidence=told.evidence[len(ledger.evidence) :]), best
+    near = [fitted for fitted in white if _total(ledger, fitted) - _total(ledger, least) < ledger.problem.settings.near]
+    for fitted in near:
+        score = _total(ledger, fitted)
+        step = Step(fitted.names, score, fitted.fit.log_likelihood, f"{fitted.names[-1]} explains what no named effect alone does")
+        told = told.kept(fitted, score).told(step)
+    return told, told.known(least)
+
+
+def alone(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[FittedModel]]:
+    """The ledger with evidence of all instances beside ``base``, and sets with one of them that leave noise; none where noise is left already."""
+    if not ledger.problem.general or is_white(base) or has_process_noise(base.system):
+        return ledger, []
+    return _leaving_noise(ledger, base, thresholds.GENERAL_FITTED)
+
+
+def _is_named(ledger: Ledger, best: FittedModel) -> bool:
+    """Whether noise is left by one named effect, or by none."""
+    several = len(best.foreground) > 1 or best.guards or has_process_noise(best.system)
+    return not several and is_white(best, ledger.problem.settings.white)
+
+
+def _leaving_noise(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[FittedModel]]:
+    """The best few instances added to a set: those fits that bring enough and leave noise, in a freer form where only that does."""
+    problem = ledger.problem
+    accept, number = problem.settings.accept, len(problem.general)
+    findings = screen_varying(start, cast(Sequence[Varying], problem.general), search_context(start, problem.predicted))
+    spent, ledger = ledger.spent, ledger.renewed(thresholds.LEFT_FOR_GENERAL)
+    found: list[FittedModel] = []
+    fitted: dict[int, FittedModel] = {}
+    for place, finding in enumerate(findings[:most]):
+        price = accept + choice_price(number) + finding.parameters * log(float(start.fit.counts.sum()))
+        if 2.0 * finding.gain < thresholds.HALF_ITS_PRICE * price or finding.gain < thresholds.HOPELESS_IN_SEARCH * findings[0].gain:
+            break
+        ledger, child = best_fit(ledger, start, finding, 1)
+        if child is None or not stands_out_somewhere(child, finding.effect):
+            continue
+        ledger, child = _freer(ledger, start, child)
+        fitted[place] = child
+        enough = gain(start, child, accept) > accept + choice_price(number)
+        if enough and is_white(child, problem.settings.white):
+            found.append(child)
+    ledger = ledger.told(evidence=[_evidence(start, findings, place, fitted) for place in range(len(findings))])
+    return ledger.respent(spent), found
+
+
+def _freer(ledger: Ledger, start: FittedModel, child: FittedModel) -> tuple[Ledger, FittedModel]:
+    """The child in its freer form where that brings enough, kept in no ledger but a borrowed one."""
+    borrowed = ledger.replaced(child, ledger.score(start) - gain(start, child, ledger.problem.settings.accept))
+    borrowed, freer = freer_form(borrowed, child)
+    return ledger.respent(borrowed.spent), freer
+
+
+def _evidence(start: FittedModel, findings: Sequence[Finding], place: int, fitted: dict[int, FittedModel]):  # type: ignore[no-untyped-def]
+    finding = findings[place]
+    others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > thresholds.COLLINEAR)
+    return evidence_of(len(start.foreground) + 1, start, finding, fitted.get(place), others)
+
+
+def _hopeless(ledger: Ledger, base: FittedModel) -> bool:
+    """Whether nothing that one instance brings beside ``base`` comes near: a second cause would not mend that either."""
+    return is_coloured_throughout(base, thresholds.GROSSLY_COLOURED) and not any(
+        seen.fitted and seen.within == base.names and seen.gain > 0.5 * base.fit.cost for seen in ledger.evidence
+    )
+
+
+def _beside(ledger: Ledger, base: FittedModel, best: FittedModel) -> list[FittedModel]:
+    """Sets beside which an instance is tried: the best named effect alone, and the set that the search ended with."""
+    usable = [m for m in ledger.models.values() if m.foreground and not m.guards and not has_process_noise(m.system)]
+    one = sorted((m for m in usable if len(m.foreground) == 1), key=ledger.score)[: thresholds.GENERAL_BESIDE]
+    whole = [m for m in usable if m.names == best.names and 1 < len(m.foreground) < ledger.problem.settings.depth]
+    return [*one, *whole]
+
+
+def _total(ledger: Ledger, fitted: FittedModel) -> float:
+    return fitted.criterion + choice_price(len(ledger.problem.general))
+
+
+def _wins(ledger: Ledger, general: FittedModel, best: FittedModel) -> bool:
+    """Whether a set that leaves noise does so clearly better than one that also does, or where nothing else does."""
+    return not is_white(best, ledger.problem.settings.white) or _total(ledger, general) < best.criterion - thresholds.GUARD_TIE
