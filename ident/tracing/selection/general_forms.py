@@ -37,11 +37,12 @@ def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel) -> t
     """
     if not ledger.problem.general or _is_named(ledger, best):
         return ledger, best
-    told, white = alone(ledger, base)
-    if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(told, base):
-        for start in _beside(ledger, base, best):
-            told, found = _leaving_noise(told, start, thresholds.GENERAL_BESIDE)
-            white += found
+    told, fitted = alone(ledger, base)
+    white = leaving_noise(ledger, fitted)
+    if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(base, fitted):
+        for start in _beside(ledger, best):
+            told, found = _added(told, start, thresholds.GENERAL_BESIDE)
+            white += leaving_noise(ledger, found)
     least = min(white, key=lambda fitted: _total(ledger, fitted), default=None)
     if least is None or not _wins(ledger, least, best):
         return ledger.told(evidence=told.evidence[len(ledger.evidence) :]), best
@@ -54,10 +55,15 @@ def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel) -> t
 
 
 def alone(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[FittedModel]]:
-    """The ledger with evidence of all instances beside ``base``, and sets with one of them that leave noise; none where noise is left already."""
+    """The ledger with evidence of all instances beside ``base``, and sets with one of them that bring enough; none where noise is left already."""
     if not ledger.problem.general or is_white(base) or has_process_noise(base.system):
         return ledger, []
-    return _leaving_noise(ledger, base, thresholds.GENERAL_FITTED)
+    return _added(ledger, base, thresholds.GENERAL_FITTED)
+
+
+def leaving_noise(ledger: Ledger, sets: Sequence[FittedModel]) -> list[FittedModel]:
+    """Those of some sets whose residual is noise."""
+    return [fitted for fitted in sets if is_white(fitted, ledger.problem.settings.white)]
 
 
 def _is_named(ledger: Ledger, best: FittedModel) -> bool:
@@ -66,8 +72,8 @@ def _is_named(ledger: Ledger, best: FittedModel) -> bool:
     return not several and is_white(best, ledger.problem.settings.white)
 
 
-def _leaving_noise(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[FittedModel]]:
-    """The best few instances added to a set: those fits that bring enough and leave noise, in a freer form where only that does."""
+def _added(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[FittedModel]]:
+    """The best few instances added to a set: those fits that bring enough, in a freer form where that brings enough, too."""
     problem = ledger.problem
     accept, number = problem.settings.accept, len(problem.general)
     findings = screen_varying(start, cast(Sequence[Varying], problem.general), search_context(start, problem.predicted))
@@ -83,8 +89,7 @@ def _leaving_noise(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledge
             continue
         ledger, child = _freer(ledger, start, child)
         fitted[place] = child
-        enough = gain(start, child, accept) > accept + choice_price(number)
-        if enough and is_white(child, problem.settings.white):
+        if gain(start, child, accept) > accept + choice_price(number):
             found.append(child)
     ledger = ledger.told(evidence=[_evidence(start, findings, place, fitted) for place in range(len(findings))])
     return ledger.respent(spent), found
@@ -103,14 +108,12 @@ def _evidence(start: FittedModel, findings: Sequence[Finding], place: int, fitte
     return evidence_of(len(start.foreground) + 1, start, finding, fitted.get(place), others)
 
 
-def _hopeless(ledger: Ledger, base: FittedModel) -> bool:
-    """Whether nothing that one instance brings beside ``base`` comes near: a second cause would not mend that either."""
-    return is_coloured_throughout(base, thresholds.GROSSLY_COLOURED) and not any(
-        seen.fitted and seen.within == base.names and seen.gain > 0.5 * base.fit.cost for seen in ledger.evidence
-    )
+def _hopeless(base: FittedModel, fitted: Sequence[FittedModel]) -> bool:
+    """Whether every channel stays far from noise with each instance: a second cause would hardly mend that."""
+    return all(is_coloured_throughout(each, thresholds.GROSSLY_COLOURED) for each in (base, *fitted))
 
 
-def _beside(ledger: Ledger, base: FittedModel, best: FittedModel) -> list[FittedModel]:
+def _beside(ledger: Ledger, best: FittedModel) -> list[FittedModel]:
     """Sets beside which an instance is tried: the best named effect alone, and the set that the search ended with."""
     usable = [m for m in ledger.models.values() if m.foreground and not m.guards and not has_process_noise(m.system)]
     one = sorted((m for m in usable if len(m.foreground) == 1), key=ledger.score)[: thresholds.GENERAL_BESIDE]
