@@ -6,7 +6,8 @@ and takes the place of a set that leaves noise, a guard's among them, only where
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import log
 from typing import cast
 
@@ -14,7 +15,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import stands_out_somewhere
-from ident.tracing.diagnosis import Step
+from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear
 from ident.tracing.screening.stacked import Varying, screen_varying
@@ -22,6 +23,7 @@ from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import best_fit, evidence_of
 from ident.tracing.selection.ledger import Ledger
+from ident.tracing.settings import TraceSettings
 
 
 def choice_price(number: int) -> float:
@@ -29,36 +31,61 @@ def choice_price(number: int) -> float:
     return 2.0 * log(number) if number else 0.0
 
 
-def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel) -> tuple[Ledger, FittedModel]:
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """Sets of one instance beside what any record may have, those that bring enough, and what was seen of all instances."""
+
+    fitted: tuple[FittedModel, ...] = ()
+    evidence: tuple[Candidate, ...] = ()
+    asked: bool = False
+
+
+def alone(ledger: Ledger, base: FittedModel, first: Sequence[FittedModel] = ()) -> Alone:
+    """The best instances beside ``base``, which is the declared model with what any record may have.
+
+    Not asked where there is nothing to explain, or where one of the sets ``first`` leaves noise.
+    """
+    if not ledger.problem.general or has_process_noise(base.system) or any(is_white(fitted) for fitted in (base, *first)):
+        return Alone()
+    told, fitted = _added(ledger, base, thresholds.GENERAL_FITTED)
+    return Alone(tuple(fitted), told.evidence[len(ledger.evidence) :], True)
+
+
+def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel, general: Alone) -> tuple[Ledger, FittedModel]:
     """The set that a search ended with, or one with an instance of the general form where no single named effect explains the records.
 
-    ``base`` : the declared model with what any record may have. Alone beside that first; where no instance leaves noise, beside the best
-    named effects, unless the residual stays far from noise throughout. A ledger that finds none is left as it was, but for evidence.
+    Alone first (``general``); where no instance leaves noise, beside the best named effects, unless the residual stays far from noise
+    throughout. Where none takes the place of ``best`` the ledger is as it was, but for evidence.
     """
     if not ledger.problem.general or _is_named(ledger, best):
         return ledger, best
-    told, fitted = alone(ledger, base)
-    white = leaving_noise(ledger, fitted)
-    if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(base, fitted):
+    general = general if general.asked else alone(ledger, base)
+    told, white = ledger.told(evidence=general.evidence), leaving_noise(ledger, general.fitted)
+    if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(base, general.fitted):
         for start in _beside(ledger, best):
             told, found = _added(told, start, thresholds.GENERAL_BESIDE)
             white += leaving_noise(ledger, found)
     least = min(white, key=lambda fitted: _total(ledger, fitted), default=None)
     if least is None or not _wins(ledger, least, best):
         return ledger.told(evidence=told.evidence[len(ledger.evidence) :]), best
-    near = [fitted for fitted in white if _total(ledger, fitted) - _total(ledger, least) < ledger.problem.settings.near]
-    for fitted in near:
+    for fitted in white:
         score = _total(ledger, fitted)
-        step = Step(fitted.names, score, fitted.fit.log_likelihood, f"{fitted.names[-1]} explains what no named effect alone does")
-        told = told.kept(fitted, score).told(step)
+        if score - _total(ledger, least) < ledger.problem.settings.near:
+            step = Step(fitted.names, score, fitted.fit.log_likelihood, f"{fitted.names[-1]} explains what no named effect alone does")
+            told = told.kept(fitted, score).told(step)
     return told, told.known(least)
 
 
-def alone(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[FittedModel]]:
-    """The ledger with evidence of all instances beside ``base``, and sets with one of them that bring enough; none where noise is left already."""
-    if not ledger.problem.general or is_white(base) or has_process_noise(base.system):
-        return ledger, []
-    return _added(ledger, base, thresholds.GENERAL_FITTED)
+def for_pairs(ledger: Ledger, general: Alone) -> Ledger:
+    """The ledger for a search that looks no further than sets of two, where an instance alone leaves noise: three causes are no better answer."""
+    if not leaving_noise(ledger, general.fitted):
+        return ledger
+    return with_settings(ledger, replace(ledger.problem.settings, depth=min(2, ledger.problem.settings.depth)))
+
+
+def with_settings(ledger: Ledger, settings: TraceSettings) -> Ledger:
+    """The ledger of the same search under other settings."""
+    return replace(ledger, problem=replace(ledger.problem, settings=settings))
 
 
 def leaving_noise(ledger: Ledger, sets: Sequence[FittedModel]) -> list[FittedModel]:
@@ -96,13 +123,15 @@ def _added(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[
 
 
 def _freer(ledger: Ledger, start: FittedModel, child: FittedModel) -> tuple[Ledger, FittedModel]:
-    """The child in its freer form where that brings enough, kept in no ledger but a borrowed one."""
-    borrowed = ledger.replaced(child, ledger.score(start) - gain(start, child, ledger.problem.settings.accept))
-    borrowed, freer = freer_form(borrowed, child)
-    return ledger.respent(borrowed.spent), freer
+    """The child in the freest form that brings enough, kept in no ledger but a borrowed one."""
+    borrowed, best = ledger.replaced(child, ledger.score(start) - gain(start, child, ledger.problem.settings.accept)), None
+    while best is not child:
+        best = child
+        borrowed, child = freer_form(borrowed, best)
+    return ledger.respent(borrowed.spent), child
 
 
-def _evidence(start: FittedModel, findings: Sequence[Finding], place: int, fitted: dict[int, FittedModel]):  # type: ignore[no-untyped-def]
+def _evidence(start: FittedModel, findings: Sequence[Finding], place: int, fitted: Mapping[int, FittedModel]) -> Candidate:
     finding = findings[place]
     others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > thresholds.COLLINEAR)
     return evidence_of(len(start.foreground) + 1, start, finding, fitted.get(place), others)

@@ -33,7 +33,7 @@ from sim.effects.load_curve import LoadCurve
 from sim.effects.separating import BEYOND_PRODUCTS
 from sim.maths.splines import Shapes, combine, first_shapes, natural_shapes, shape_names
 
-PLAIN = 2  # shapes of the usual form: a slope and a bend; its freer form has five
+FORMS = (2, 5, 10)  # shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
 AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"  # the port where a recorded airspeed comes in, and what it is called
 CURVES = (*CURVED_CONTROLS, *CURVED_DRAG, *CURVED_LIFT, *CURVED_MOMENT, *CURVED_ROLL, *CURVED_SIDE_FORCE, *CURVED_YAW)
 # A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's density, over the other the Mach number's drag.
@@ -53,15 +53,15 @@ _MULTIPLIED = {
 class Varies:
     """``parameter`` += f(signal), f a natural cubic spline over ``[low, high]`` that is zero at the anchor: zero where the range holds it, else its middle.
 
-    f = ``shape1`` times a straight line + ``shape2`` times a parabola; the freer form has three shapes more, the curve of five intervals of the
-    named ones (`sim.maths.splines`). They are orthonormal: each size is the root mean square that its shape adds over the range, in the
-    parameter's unit. Outside the range f goes on straight. The parameter as declared is that at the anchor.
+    f = ``shape1`` times a straight line + ``shape2`` times nearly a parabola; freer forms have the other shapes of a spline of five intervals, as
+    the named curves, and of ten (`sim.maths.splines`). They are orthonormal: each size is the root mean square that its shape adds over the
+    range, in the parameter's unit. Outside the range f goes on straight. The parameter as declared is that at the anchor.
 
     Attributes
     ----------
     parameter, unit : of the equations. over : the signal on the bus. called : its name, where that differs. gust : the port that adds to it.
     state : whether the signal is a state. size : a usual change. alike : the instance that has the product of two signals in common with this.
-    low, high : the range flown, in the signal's unit. fine : five shapes.
+    low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
     """
 
     parameter: str = "Cm_q"
@@ -74,7 +74,7 @@ class Varies:
     alike: str = "varies:Cm_alpha(q)"
     low: float = -0.15
     high: float = 0.15
-    fine: bool = False
+    count: int = FORMS[0]
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -111,13 +111,13 @@ class Varies:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        names = shape_names(flat=False)
-        return names if self.fine else names[:PLAIN]
+        return shape_names(fine=True, flat=False)[: self.count]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the records do not reach must not run away.
-        return tuple(Parameter(name, self.size / (1.0 + i), self.unit, prior_std=3.0 * self.size) for i, name in enumerate(self._names))
+        # What the records do not reach must not run away; a freer form begins next to the plain one.
+        starts = [self.size / (1.0 + i) * (1.0 if i < FORMS[0] else 1e-3) for i in range(self.count)]
+        return tuple(Parameter(name, start, self.unit, prior_std=3.0 * self.size) for name, start in zip(self._names, starts, strict=True))
 
     @property
     def absent(self) -> Mapping[str, float]:
@@ -138,8 +138,7 @@ class Varies:
     def shapes(self) -> Shapes:
         """The shapes as functions of the signal."""
         anchor = 0.0 if self.low <= 0.0 <= self.high else 0.5 * (self.low + self.high)
-        every = natural_shapes(self.low, self.high, anchor=anchor, flat=False)
-        return every if self.fine else first_shapes(every, PLAIN)
+        return first_shapes(natural_shapes(self.low, self.high, self.count == FORMS[-1], anchor, False), self.count)
 
     def change(self, s: Any, p: Any) -> Any:
         at = getattr(s, self.over)
@@ -153,8 +152,8 @@ class Varies:
         return replace(self, low=low, high=high, size=max(self.size, abs(context.values.get(self.parameter, 0.0))))
 
     def finer(self) -> Varies:
-        """The same with three further shapes."""
-        return replace(self, fine=True)
+        """The same in the next form, with further shapes."""
+        return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all shapes where there is none."""
