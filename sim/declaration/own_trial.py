@@ -169,7 +169,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 
     A parameter that is only added, as a constant load, does the same wherever the motion is; so does one that is in no equation.
     """
-    places = [Starts(beside(starts, side).signals, starts.parameters) for side in (1.0, -1.0)]
+    places = [Starts(beside(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
     found = []
     for name in names:
         value = starts.parameters[name]
@@ -178,7 +178,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
         except FlightidError:
             continue  # beside the starts it cannot be formed
         slopes = np.array([[np.imag(each) / COMPLEX_STEP for each in values.values()] for values in moved])
-        apart = np.abs(slopes[0] - slopes[1])
+        apart = np.ptp(slopes, axis=0)
         if np.any(apart > 1e-9 * np.max(np.abs(slopes), axis=0)):
             found.append(name)
     return tuple(found)

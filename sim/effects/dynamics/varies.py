@@ -59,13 +59,13 @@ class Varies:
 
     Attributes
     ----------
-    parameter, unit : of the equations. over : the signal on the bus. called : its name, where that differs. gust : the port that adds to it.
-    state : whether the signal is a state. size : a usual change. alike : the instance that has the product of two signals in common with this.
+    parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called : its name, where that differs. gust : the port
+        that adds to it. state : whether the signal is a state. size : a usual change. alike : the instance that has the product of two signals in common with this.
     low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
     """
 
     parameter: str = "Cm_q"
-    unit: str = "1/rad"
+    counted_in: str = "1/rad"
     over: str = "alpha"
     called: str = ""
     gust: str = "gust"
@@ -117,7 +117,7 @@ class Varies:
     def parameters(self) -> tuple[Parameter, ...]:
         # What the records do not reach must not run away; a freer form begins next to the plain one.
         starts = [self.size / (1.0 + i) * (1.0 if i < FORMS[0] else 1e-3) for i in range(self.count)]
-        return tuple(Parameter(name, start, self.unit, prior_std=3.0 * self.size) for name, start in zip(self._names, starts, strict=True))
+        return tuple(Parameter(name, start, self.counted_in, prior_std=3.0 * self.size) for name, start in zip(self._names, starts, strict=True))
 
     @property
     def absent(self) -> Mapping[str, float]:
