@@ -88,6 +88,7 @@ def test_on_a_clean_record_and_on_one_that_a_named_effect_explains_no_instance_i
     assert not any(candidate.name.startswith("varies:") and candidate.fitted for candidate in clean.candidates)
 
 
+@pytest.mark.slow
 def test_a_product_of_two_signals_stays_without_a_name() -> None:
     """Cm_q that grows evenly with alpha is Cm_alpha that grows evenly with q: the guard stands for both, and the caution names them."""
     model = rigid_wrong()
