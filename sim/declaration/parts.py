@@ -36,7 +36,8 @@ class Parts:
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an on-line System carries as states,
     ``slices`` where these stand among ``states``. ``own`` picks an effect's parameters off a row of all of them, by effect name,
-    ``vehicle_of`` those of the equations, which ``varying`` change. ``bias_index`` by output. ``clocks`` set the pace of ``dynamics``, which are theirs alone.
+    ``vehicle_of`` those of the equations, which ``varying`` change. ``bias_index`` by output. ``clocks`` set the pace of
+    ``dynamics``, which are theirs alone.
     """
 
     model: Model

@@ -65,7 +65,9 @@ class Longitudinal:
     )
     parameter_names: tuple[str, ...] = (*LONGITUDINAL_CONSTANTS, *LONGITUDINAL_DERIVATIVES)
 
-    factors: ClassVar[Mapping[str, str]] = MappingProxyType({name: unit for name, unit in LONGITUDINAL_DERIVATIVES.items() if not name.endswith("_0")})
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {name: unit for name, unit in LONGITUDINAL_DERIVATIVES.items() if not name.endswith("_0")}
+    )
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = plus(s.airspeed, s.headwind)

@@ -17,7 +17,7 @@ from sim.effects.library import guards_for
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 from tests.bases import RIGID_VALUES, rigid_model
-from tests.oracles.varying_parameters import lateral, rigid, spring
+from tests.oracles.varying_parameters import Law, lateral, rigid, spring
 from tests.whole_axes import CONSTANTS, TRUE
 
 
@@ -103,7 +103,7 @@ def test_a_product_of_two_signals_stays_without_a_name() -> None:
     ("derivative", "law"),
     [("Cl_p", lambda beta: 1.0 - 60.0 * beta * beta), ("Cn_dr", lambda beta: float(1.0 - 0.5 * np.tanh(abs(beta) / 0.08) ** 2))],
 )
-def test_a_lateral_derivative_that_depends_on_sideslip(derivative: str, law) -> None:  # type: ignore[no-untyped-def]
+def test_a_lateral_derivative_that_depends_on_sideslip(derivative: str, law: Law) -> None:
     found = diagnosed(lateral_wrong(), [lateral({derivative: law}, 1), lateral({derivative: law}, 2, 0.8)])
     assert found.verdict is Verdict.TRACED and names(found) == [f"varies:{derivative}(beta)"]
     assert abs(found.after[derivative].value - TRUE["lateral"][derivative]) < 4.0 * found.after[derivative].std

@@ -94,7 +94,7 @@ def spring(stiffness: Law, seed: int, size: float = 1.0) -> Record:
     """2 kg on a spring of ``stiffness`` (N/m) by displacement (m), damped by 1 N s/m, under pulses of force."""
     time = np.arange(401) / 20.0
     pulses = [(1.0, 4.0, 20.0), (9.0, 10.5, -15.0), (13.0, 14.0, 30.0)]
-    force = size * sum(np.where((time >= begin - 1e-9) & (time < end - 1e-9), value, 0.0) for begin, end, value in pulses)
+    force = size * np.sum([np.where((time >= begin - 1e-9) & (time < end - 1e-9), value, 0.0) for begin, end, value in pulses], axis=0)
 
     def push(x: np.ndarray, f: float) -> float:
         return float((f - x[1] - stiffness(x[0]) * x[0]) / 2.0)

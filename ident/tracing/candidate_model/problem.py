@@ -27,8 +27,8 @@ class TraceProblem:
     """Records, the samples that count, the declared model, and what may be added to it.
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
-    predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is. ``general`` : instances of general
-    forms (``Traits.general``), which stand behind the candidates.
+    predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is.
+    ``general`` : instances of general forms (``Traits.general``), which stand behind the candidates.
     """
 
     records: Sequence[Record]

@@ -51,16 +51,17 @@ _MULTIPLIED = {
 
 @dataclass(frozen=True)
 class Varies:
-    """``parameter`` += f(signal), f a natural cubic spline over ``[low, high]`` that is zero at the anchor: zero where the range holds it, else its middle.
+    """``parameter`` += f(signal), f a natural cubic spline over ``[low, high]`` that is zero at the anchor.
 
+    The anchor is zero where the range holds it, else the middle of the range. The parameter as declared is that at the anchor.
     f = ``shape1`` times a straight line + ``shape2`` times nearly a parabola; freer forms have the other shapes of a spline of five intervals, as
     the named curves, and of ten (`sim.maths.splines`). They are orthonormal: each size is the root mean square that its shape adds over the
-    range, in the parameter's unit. Outside the range f goes on straight. The parameter as declared is that at the anchor.
+    range, in the parameter's unit. Outside the range f goes on straight.
 
     Attributes
     ----------
     parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called : its name, where that differs. gust : the port
-        that adds to it. state : whether the signal is a state. size : a usual change. alike : the instance that has the product of two signals in common with this.
+        that adds to it. state : whether the signal is a state. size : a usual change. alike : the instance with the same product of two signals.
     low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
     """
 

@@ -51,7 +51,9 @@ def compare(fitted: FittedModel, instances: list[Varies]) -> None:
         size = np.linalg.norm(finding.contribution) * np.linalg.norm(other.contribution)
         assert finding.gain < 0.05 * largest or finding.contribution @ other.contribution > 0.999 * size
         for name, value in finding.starts[0].items():
-            assert finding.gain < 0.05 * largest or value == pytest.approx(other.starts[0][name], rel=0.02, abs=0.02 * finding.effect.parameters[0].value)
+            assert finding.gain < 0.05 * largest or value == pytest.approx(
+                other.starts[0][name], rel=0.02, abs=0.02 * finding.effect.parameters[0].value
+            )
 
 
 def test_in_one_pass_they_gain_what_they_gain_one_by_one(rigid: FittedModel) -> None:

@@ -34,7 +34,11 @@ NAMED = {
     },
     "ballistic": {"varies:beta(velocity)": "drag-mach", "varies:beta(altitude)": "density-scale-height"},
     "lateral": {
-        **{"varies:CY_beta(beta)": "side-force-nonlinearity", "varies:Cl_beta(beta)": "roll-nonlinearity", "varies:Cn_beta(beta)": "yaw-nonlinearity"},
+        **{
+            "varies:CY_beta(beta)": "side-force-nonlinearity",
+            "varies:Cl_beta(beta)": "roll-nonlinearity",
+            "varies:Cn_beta(beta)": "yaw-nonlinearity",
+        },
         **{f"varies:{axis}_da(aileron)": "control-nonlinearity:aileron" for axis in ("CY", "Cl", "Cn")},
         **{f"varies:{axis}_dr(rudder)": "control-nonlinearity:rudder" for axis in ("CY", "Cl", "Cn")},
     },
