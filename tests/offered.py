@@ -18,6 +18,20 @@ WHOLE_AXES: tuple[Equations, ...] = (Lateral(), Longitudinal())
 ALL_VEHICLES = (*VEHICLES, *WHOLE_AXES)
 
 
+VARYING = "varies"  # of this stem there are dozens on each vehicle, which differ in names alone
+
+
+def held_to_all_laws(vehicle: Equations) -> list[Effect]:
+    """All effects that are offered to a vehicle, of the parameters that vary one over a state and one over an input."""
+    seen, found = set[tuple[str, bool]](), list[Effect]()
+    for effect in effects_for(vehicle):
+        key = (stem(effect), getattr(effect, "state", True))
+        if stem(effect) != VARYING or key not in seen:
+            found.append(effect)
+        seen.add(key)
+    return found
+
+
 def stem(effect: Effect) -> str:
     """The name without its label."""
     return effect.name.partition(":")[0]
@@ -28,7 +42,7 @@ def representatives() -> list[tuple[Effect, str]]:
 
     What acts on a port is different on each of the axes and has one instance on both; inputs and sensors are alike everywhere.
     """
-    covered = {effect for vehicle in VEHICLES for effect in effects_for(vehicle)}
+    covered = {effect for vehicle in VEHICLES for effect in held_to_all_laws(vehicle)}
     files, seen, found = {*library()}, set[tuple[str, str]](), list[tuple[Effect, str]]()
     for vehicle in WHOLE_AXES:
         for effect in effects_for(vehicle):
@@ -45,7 +59,7 @@ def representatives() -> list[tuple[Effect, str]]:
 def made() -> list[Effect]:
     """Every instance that is offered to a whole axis and that none of the ``VARIANTS`` is, each once."""
     files = {*library()}
-    return list(dict.fromkeys(effect for vehicle in WHOLE_AXES for effect in effects_for(vehicle) if effect not in files))
+    return list(dict.fromkeys(effect for vehicle in WHOLE_AXES for effect in held_to_all_laws(vehicle) if effect not in files))
 
 
 def guards_of_whole_axes() -> list[tuple[Effect, str]]:

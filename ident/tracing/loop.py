@@ -23,6 +23,7 @@ from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.forward import defies, first_round, forward_selection
+from ident.tracing.selection.general_forms import alone, for_pairs, leaving_noise, with_general_form, with_settings
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
@@ -63,8 +64,8 @@ def diagnose(
     watch = Stopwatch()
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in record.output_names for record in records)]
     masks = measured_masks(records, outputs)
-    everything = (*candidates, *guards)
-    problem = TraceProblem(records, masks, model, everything, outputs, settings or TraceSettings(), validation, witness, progress)
+    named, general = (tuple(c for c in (*candidates, *guards) if c.traits.general is wanted) for wanted in (False, True))
+    problem = TraceProblem(records, masks, model, named, outputs, settings or TraceSettings(), validation, witness, progress, general)
     declared = fit_declared(problem)
     watch.stage("declared model")
     found = search(declared, held_out_data(declared, validation))
@@ -136,11 +137,14 @@ def search(declared: Declared, held: HeldOutData) -> Found:
     base = base if all(belongs_to_record(effect) for effect in base.background) else root
     several = len(ledger.problem.records) + len(held.records) >= thresholds.FEWEST_RECORDS
     asked, partial = several and defies(base, first), None
-    if asked:
+    general = alone(ledger, base, first)
+    if asked and not leaving_noise(ledger, general.fitted):
         # A search that trusts noise to be white would only add effect upon effect.
         ledger, partial = replicating(ledger, base, held)
     if partial is None:
-        ledger, best = forward_selection(ledger, base, first)
+        settings = ledger.problem.settings
+        ledger, best = forward_selection(for_pairs(ledger, general), base, first)
+        ledger, best = with_general_form(with_settings(ledger, settings), base, best, general)
         ledger, best = backward_elimination(ledger, best)
         ledger, best = refined(ledger, best)
     return Found(ledger, root, base, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)

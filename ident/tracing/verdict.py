@@ -110,7 +110,7 @@ def verdict_on(
         return (Verdict.UNEXPLAINED if left else Verdict.CONSISTENT), left
     guards = best.guards
     if guards:
-        told = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
+        told = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library{_look_the_same(problem, best)}"
         return Verdict.UNEXPLAINED, [Caution(Concern.GUARD, told), *left]
     if left:
         return Verdict.UNEXPLAINED, left
@@ -126,6 +126,13 @@ def verdict_on(
     if best.effects and not _improved(root, choice, held):
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, "the effects found do not lower the error on data that were not fitted")]
     return (Verdict.AMBIGUOUS if is_ambiguous(choice, problem.guards) else Verdict.TRACED), []
+
+
+def _look_the_same(problem: TraceProblem, best: FittedModel) -> str:
+    """Instances of general forms that a guard of a set cannot be told from, in words; empty where there are none."""
+    offered = {candidate.name for candidate in problem.general}
+    names = [name for effect in best.effects if effect.traits.guard for name in effect.traits.also if name in offered]
+    return f"; a derivative that varies looks much the same, and this does not tell which: {', '.join(names)}" if names else ""
 
 
 def _improved(root: FittedModel, choice: Choice, held: HeldOutData) -> bool:

@@ -42,7 +42,9 @@ def show_effects(name: str | None) -> None:
             start = f"{each:{width}}  {effect.station.value:11}  "
             print(start + textwrap.shorten(_first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."))
         return
-    effect = _effect_of_any_model(name)
+    effect, other = _effect_of_any_model(name)
+    if other:
+        print(other)
     print(f"{effect.name}  ({effect.station.value})\n")
     print(textwrap.fill(" ".join(effect.explanation.split()), 100))
     print(f"\nabsent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}")
@@ -59,14 +61,17 @@ def show_effects(name: str | None) -> None:
         print(f"\na freer form of it, tried where this one is found, adds {', '.join(more)}")
 
 
-def _effect_of_any_model(name: str) -> Effect:
-    """An effect of the library, or one that is made for the inputs, channels and loads of a model."""
-    from sim.effects.library import effect_names, effects_for, find_effect
-    from sim.vehicles.lateral import Lateral
-    from sim.vehicles.longitudinal import Longitudinal
+def _effect_of_any_model(name: str) -> tuple[Effect, str]:
+    """An effect of the library, or one that is made for the inputs, channels, loads and derivatives of a model; a line where it has another name."""
+    from sim.effects.library import effect_names, effects_for, find_effect, other_names
+    from sim.vehicles.factory import FAMILIES
 
-    made = [effect for equations in (Lateral(), Longitudinal()) for effect in effects_for(equations) if effect.name == name]
-    return made[0] if made and name not in effect_names() else find_effect(name)
+    for equations, _, _ in FAMILIES.values() if name not in effect_names() else ():
+        own = other_names(equations).get(name, name)
+        made = [effect for effect in effects_for(equations) if effect.name == own]
+        if made:
+            return made[0], f"{name} on {equations.name} is what {own} stands for, and bears that name" if own != name else ""
+    return find_effect(name), ""
 
 
 def show_vehicles(name: str | None, other: str | None) -> None:

@@ -66,7 +66,7 @@ def _print_equations(
     equations: Equations, constants: Iterable[tuple[str, str]], parameters: Iterable[tuple[str, str]], own: Model | None = None
 ) -> None:
     from scenarios.diagnosis.candidates import can_act
-    from sim.effects.library import effects_for
+    from sim.effects.library import effects_for, other_names
 
     effects = effects_for(equations) if own is None else can_act(effects_for(equations), own)
     _print_block("states", _signals(equations.states))
@@ -83,6 +83,9 @@ def _print_equations(
         names = list(dict.fromkeys(effect.name for effect in effects if effect.station is station))
         if names:
             _print_block(f"  {station.value}", names)
+    others = other_names(equations)
+    if others:
+        _print_block("  other names", [f"{name} is {own}" for name, own in others.items()])
 
 
 def _signals(signals: Sequence[Signal]) -> list[str]:

@@ -13,7 +13,7 @@ from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import Source, read_source
 from scenarios.preparation.vehicle_model import inputs_at_rest
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, Signal
+from sim.declaration.effect import Effect, ParameterEffect, Signal
 from sim.declaration.model import Containing, Model
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -34,7 +34,8 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
     recorded = {signal.name for signal in equations.inputs}
     offered = can_act(effects_for(equations), model)
     found = (effect for effect in offered if effect.name not in taken and isinstance(effect, Traceable))
-    return (*(effect for effect in found if effect.traits.recorded_as not in recorded), *own)
+    known = (effect for effect in found if effect.traits.recorded_as not in recorded)
+    return (*(effect for effect in known if not isinstance(effect, ParameterEffect) or model.parameters[effect.parameter].free), *own)
 
 
 def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:

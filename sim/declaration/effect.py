@@ -110,6 +110,18 @@ class DynamicsEffect(Effect, Protocol):
 
 
 @runtime_checkable
+class ParameterEffect(Effect, Protocol):
+    """Makes a parameter of the equations vary: ``change(s, p)`` is added to ``parameter``, after the disturbances and ahead of all that reads it.
+
+    The change is linear in the effect's own parameters, which are all zero where it is absent.
+    """
+
+    @property
+    def parameter(self) -> str: ...
+    def change(self, s: Any, p: Any) -> Any: ...
+
+
+@runtime_checkable
 class SensorEffect(Effect, Protocol):
     """Acts on one output channel with memory, on the grid of sub-steps.
 

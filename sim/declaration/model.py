@@ -56,6 +56,14 @@ class Biased(Protocol):
 
 
 @runtime_checkable
+class Multiplying(Protocol):
+    """Equations that say which of their parameters multiply a signal, as derivatives do: ``factors``, units by name. Each of them may vary."""
+
+    @property
+    def factors(self) -> Mapping[str, str]: ...
+
+
+@runtime_checkable
 class DrivenBeside(Protocol):
     """Equations some of whose inputs are no controls, as an updraft: ``no_controls`` names them, and no effect acts on their path."""
 

@@ -162,3 +162,23 @@ def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
         raise
     array = np.array(values)
     return array if np.all(np.isfinite(array)) else None
+
+
+def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
+    """Those parameters of ``names`` that multiply signals: what they do to the rates and readings changes with these.
+
+    A parameter that is only added, as a constant load, does the same wherever the motion is; so does one that is in no equation.
+    """
+    places = [Starts(beside(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
+    found = []
+    for name in names:
+        value = starts.parameters[name]
+        try:
+            moved = [_evaluated(equations, _changed(at, False, name, complex(value, COMPLEX_STEP))) for at in places]
+        except FlightidError:
+            continue  # beside the starts it cannot be formed
+        slopes = np.array([[np.imag(each) / COMPLEX_STEP for each in values.values()] for values in moved])
+        apart = np.ptp(slopes, axis=0)
+        if np.any(apart > 1e-9 * np.max(np.abs(slopes), axis=0)):
+            found.append(name)
+    return tuple(found)

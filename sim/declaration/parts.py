@@ -17,6 +17,7 @@ from sim.declaration.effect import (
     Effect,
     InputEffect,
     OnlineForm,
+    ParameterEffect,
     ReadingEffect,
     SensorEffect,
     Signal,
@@ -35,13 +36,15 @@ class Parts:
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an on-line System carries as states,
     ``slices`` where these stand among ``states``. ``own`` picks an effect's parameters off a row of all of them, by effect name,
-    ``vehicle_of`` those of the equations. ``bias_index`` by output. ``clocks`` set the pace of ``dynamics``, which are theirs alone.
+    ``vehicle_of`` those of the equations, which ``varying`` change. ``bias_index`` by output. ``clocks`` set the pace of
+    ``dynamics``, which are theirs alone.
     """
 
     model: Model
     outputs: tuple[Signal, ...]
     inputs: tuple[InputEffect, ...]
     moved_in: tuple[Any, ...]
+    varying: tuple[ParameterEffect, ...]
     dynamics: tuple[DynamicsEffect, ...]
     readings: tuple[ReadingEffect, ...]
     sensors: tuple[SensorEffect, ...]
@@ -85,6 +88,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         chosen,
         tuple(effect for effect in inputs if effect not in moved_in),
         tuple(moved_in),
+        tuple(effect for effect in model.effects if isinstance(effect, ParameterEffect)),
         tuple(dynamics),
         tuple(in_order([effect for effect in model.effects if isinstance(effect, ReadingEffect)])),
         tuple(effect for effect in sensors if effect not in moved_out),

@@ -18,10 +18,11 @@ Measured = Callable[[SimpleNamespace, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: Parts) -> Bus:
-    """All signals by name at one time, with what the effects add, and the vehicle's own parameters."""
+    """All signals by name at one time, with what the effects add, and the vehicle's own parameters as they are then."""
     equations, own, slices, moved_in = parts.model.equations, parts.own, parts.slices, parts.moved_in
     vehicle_of, state_names, input_names = parts.vehicle_of, parts.state_names, parts.input_names
     zero_ports = {port.name: 0.0 for port in equations.ports}
+    varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
     disturbances = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is Station.DISTURBANCE]
     others = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is not Station.DISTURBANCE]
 
@@ -36,6 +37,8 @@ def signals_of(parts: Parts) -> Bus:
         for effect, gather in disturbances:
             for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
+        for name, change, gather in varying:
+            vehicle = vehicle._replace(**{name: getattr(vehicle, name) + change(s, gather(p))})
         bus.update(equations.flow(s, vehicle))
         for effect, gather in others:
             for port, value in effect.increments(s, vehicle, gather(p)).items():

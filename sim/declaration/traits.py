@@ -52,12 +52,15 @@ class Traits:
         a search charges nothing for them.
     guard : True for a generic term that competes like an effect and is never claimed: where it wins, the library lacks the cause.
     within : of a guard: names of effects of which it is a narrower form, so that it speaks for them.
+    also : of a guard: instances of general forms that look the same as long as they grow evenly; told beside it.
     wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for: found by rule, never fitted.
     recorded_as : the input channel that records what this effect would have to guess: with it there is nothing to search for.
     within_interval : local name of a time that, where it is shorter than the sampling interval, tells how inputs are to be read between
         samples, and no more.
     background : True for motion that any real record may have whatever else is wrong: it is offered before all others, and where it is
         significant it belongs to the model of every candidate.
+    general : True for one of many instances of a general form, less specific than a named cause: offered where no single named effect, and no
+        guard, explains the records.
     """
 
     sentences: tuple[str, ...] = ()
@@ -82,7 +85,9 @@ class Traits:
     of_aircraft: tuple[str, ...] = ()
     guard: bool = False
     within: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
     wrong_samples_of: str = ""
     recorded_as: str = ""
     within_interval: str = ""
     background: bool = False
+    general: bool = False

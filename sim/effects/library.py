@@ -60,6 +60,14 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
     return tuple(found)
 
 
+def other_names(equations: Equations) -> dict[str, str]:
+    """Names under which some effects of a vehicle may be asked for as well, each with that effect's own: a module's ``other_names(equations)``."""
+    found: dict[str, str] = {}
+    for module in effect_modules():
+        found |= module.other_names(equations) if hasattr(module, "other_names") else {}
+    return found
+
+
 def guards_for(equations: Equations) -> tuple[Traceable, ...]:
     """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the library, found by file likewise.
 
@@ -102,13 +110,14 @@ def find_effect(name: str, equations: Equations | None = None) -> Effect:
     """The effect of that name, for one vehicle or for any.
 
     A name without its part after the colon will do where only one instance is offered
-    (``"elastic-mode"`` for ``"elastic-mode:1"``).
+    (``"elastic-mode"`` for ``"elastic-mode:1"``), and of a vehicle another name of an effect (``other_names``).
 
     Raises
     ------
     ModelError : no such effect (the nearest name is suggested), or several of that name.
     """
     effects = library() if equations is None else effects_for(equations)
+    name = name if equations is None else other_names(equations).get(name, name)
     exact = [effect for effect in effects if effect.name == name]
     if exact:
         return exact[0]

@@ -73,6 +73,13 @@ def natural_shapes(low: float, high: float, fine: bool = False, anchor: float = 
     return Shapes(low, (high - low) / intervals, intervals, table, columns)
 
 
+@lru_cache(maxsize=256)
+def first_shapes(shapes: Shapes, count: int) -> Shapes:
+    """The first ``count`` of some shapes, which are the plainest: a straight line, a parabola and so on where they are not flat."""
+    columns = tuple(cell[:count] for cell in shapes.columns)
+    return Shapes(shapes.low, shapes.spacing, shapes.intervals, shapes.table[:, :count], columns)
+
+
 def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
     """Names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
     usual = COARSE - 1 if flat else COARSE

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.elementary import absolute, exp
@@ -32,6 +33,8 @@ class Ballistic:
         Signal("log_drag", "1", "added logarithm of the drag coefficient"),
     )
     parameter_names: tuple[str, ...] = ("air_density_reference", "density_scale_height", "gravity", "beta")
+
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType({"beta": "kg/m2"})
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         return {"air_density": p.air_density_reference * exp(s.log_density - s.altitude / p.density_scale_height)}

@@ -20,14 +20,11 @@ from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIV
 from sim.vehicles.short_period import ShortPeriod
 
 RIGID_CONSTANTS = {"mass": "kg", "wing_area": "m2", "chord": "m", "pitch_inertia": "kg m2", "airspeed": "m/s", "air_density": "kg/m3"}
-RIGID_DERIVATIVES = dict.fromkeys(("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"), "1/rad")
+RIGID_DERIVATIVES = {**ShortPeriod.factors}
 BALLISTIC_CONSTANTS = {"air_density_reference": "kg/m3", "density_scale_height": "m", "gravity": "m/s2"}
-BALLISTIC_DERIVATIVES = {"beta": "kg/m2"}
+BALLISTIC_DERIVATIVES = {**Ballistic.factors}
 LOES_CONSTANTS = {"airspeed": "m/s", "gravity": "m/s2", "vane_arm": "m"}
-LOES_DERIVATIVES = {
-    **{"L_alpha": "1/s", "M_alpha": "1/s2", "L_delta": "1/s", "M_delta": "1/s2", "L_q": "1", "M_q": "1/s"},
-    **{"inv_tau": "1/s", "delay": "s"},
-}
+LOES_DERIVATIVES = {**Loes.factors, "inv_tau": "1/s", "delay": "s"}
 LOES_OFFSETS = {"L_0": "rad/s", "M_0": "rad/s2", "delta_0": "1/s", "nz_0": "g"}
 MODE_CONSTANTS = {"omega": "rad/s", "zeta": "1", "generalized_mass": "kg m2"}
 MODE_DERIVATIVES = {

@@ -62,6 +62,7 @@ class Lateral:
 
     # rad: a gyro's alignment. A steady turn is next to a bank that is read wrong, with rates that are.
     bias_priors: ClassVar[Mapping[str, float]] = MappingProxyType({"phi": 0.05})
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(LATERAL_DERIVATIVES)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = plus(p.airspeed, s.airspeed_change)

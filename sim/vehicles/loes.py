@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
@@ -61,6 +62,9 @@ class Loes:
     )
 
     contains: ClassVar[tuple[str, ...]] = ("input-delay", "actuator-lag")
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {"L_alpha": "1/s", "M_alpha": "1/s2", "L_delta": "1/s", "M_delta": "1/s2", "L_q": "1", "M_q": "1/s"}
+    )
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change

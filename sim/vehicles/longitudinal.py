@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.constants import G0
@@ -63,6 +64,10 @@ class Longitudinal:
         Signal("moment", "1", "added moment coefficient"),
     )
     parameter_names: tuple[str, ...] = (*LONGITUDINAL_CONSTANTS, *LONGITUDINAL_DERIVATIVES)
+
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {name: unit for name, unit in LONGITUDINAL_DERIVATIVES.items() if not name.endswith("_0")}
+    )
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = plus(s.airspeed, s.headwind)

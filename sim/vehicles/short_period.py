@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from sim.declaration.effect import Signal
 from sim.maths.constants import G0
@@ -51,6 +52,8 @@ class ShortPeriod:
         "Cm_q",
         "Cm_de",
     )
+
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType(dict.fromkeys(("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"), "1/rad"))
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         V = p.airspeed + s.airspeed_change

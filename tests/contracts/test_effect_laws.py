@@ -21,13 +21,14 @@ from sim.declaration.effect import (
     InputEffect,
     NoiseEffect,
     OnlineForm,
+    ParameterEffect,
     ReadingEffect,
     Regularity,
     SensorEffect,
     Station,
     full_name,
 )
-from sim.declaration.model import Model
+from sim.declaration.model import Model, Multiplying
 from sim.declaration.proposal import SearchContext, Traceable
 from sim.declaration.system import System
 from sim.declaration.traits import GUARD
@@ -42,10 +43,10 @@ from sim.truth.random_forcing import propagate_with_process_noise
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod
 from tests.bases import Flight, base_for, fly, fly_model
-from tests.offered import ALL_VEHICLES, VEHICLES, first_of_each_kind, guards_of_whole_axes, made, representatives
+from tests.offered import ALL_VEHICLES, VARYING, VEHICLES, first_of_each_kind, guards_of_whole_axes, held_to_all_laws, made, representatives
 
 ROOT = Path(__file__).parents[2]
-OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in effects_for(vehicle)] + representatives()
+OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in held_to_all_laws(vehicle)] + representatives()
 CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED]
 EFFECTS = [pytest.param(effect, id=effect.name) for effect in (*library(), *made())]
 HOLDS = pytest.mark.parametrize("hold", list(Hold), ids=lambda hold: hold.value)
@@ -60,7 +61,7 @@ FIXED_NAMES = {
     Station.INPUT_PATH: "input-delay actuator-lag actuator-second-order actuator-rate-limit actuator-saturation input-deadband input-backlash "
     "input-recorded-late",
     Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
-    "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity side-force-nonlinearity drag-nonlinearity",
+    "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity side-force-nonlinearity drag-nonlinearity varies",
     Station.DISTURBANCE: "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid",
     Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base accelerometer-offset "
     "sensor-coupling sensor-curve sensor-step sensor-hold",
@@ -94,7 +95,7 @@ def test_declares_what_the_protocol_wants(effect: Effect) -> None:
     assert isinstance(effect, Effect)
     form = {
         Station.INPUT_PATH: (InputEffect,),
-        Station.DYNAMICS: (DynamicsEffect,),
+        Station.DYNAMICS: (DynamicsEffect, ParameterEffect),
         Station.DISTURBANCE: (DynamicsEffect,),
         Station.SENSOR_PATH: (SensorEffect, ReadingEffect, InputEffect, ClockEffect),  # recorded inputs have sensors, too
         Station.NOISE: (NoiseEffect,),
@@ -124,6 +125,7 @@ def names(*fields: str) -> set[str]:
     return {signal.name for vehicle in ALL_VEHICLES for field in fields for signal in getattr(vehicle, field)}
 
 
+FACTORS = {name for vehicle in ALL_VEHICLES if isinstance(vehicle, Multiplying) for name in vehicle.factors}
 LABELS = {
     Station.INPUT_PATH: names("inputs"),
     Station.DYNAMICS: names("inputs", "ports"),
@@ -136,17 +138,20 @@ LABELS = {
 def test_name_follows_the_design(effect: Effect) -> None:
     stem, colon, suffix = effect.name.partition(":")
     assert re.fullmatch(r"[a-z]+(-[a-z]+)*", stem)
-    for station, names in FIXED_NAMES.items():
-        if stem in names.split():
+    for station, fixed in FIXED_NAMES.items():
+        if stem in fixed.split():
             assert station is effect.station
-    if colon:
+    if stem == VARYING:
+        of, over = re.fullmatch(r"(\w+)\((\w+)\)", suffix).groups()  # type: ignore[union-attr]
+        assert of in FACTORS and over in names("states", "inputs")
+    elif colon:
         assert suffix in LABELS[effect.station] or (effect.station is Station.DYNAMICS and suffix.isdigit())
     assert not stem.startswith("sensor-") or (effect.station is Station.SENSOR_PATH and colon)
     for item in effect.parameters:
         full = full_name(effect, item.name)
         assert full.startswith(f"{effect.name}.") or (hasattr(effect, "rename") and full.isidentifier())
     for alias in effect.aliases:
-        assert any(alias.partition(":")[0] in names.split() for names in FIXED_NAMES.values())
+        assert any(alias.partition(":")[0] in fixed.split() for fixed in FIXED_NAMES.values())
 
 
 @every_case

@@ -102,7 +102,11 @@ def test_measured_motion_among_the_inputs_changes_no_name() -> None:
     rigid = ShortPeriod()
     measured = (*(port for port in rigid.ports if port.name in ("airspeed_change", "density_change")), Signal("theta", "rad", "recorded"))
     assert len(measured) == 3
-    assert effects_for(replace(rigid, inputs=(*rigid.inputs, *measured))) == effects_for(rigid)
+    recorded, plain = effects_for(replace(rigid, inputs=(*rigid.inputs, *measured))), effects_for(rigid)
+    further = [effect.name for effect in recorded if effect not in plain]
+    assert [effect for effect in recorded if effect in plain] == list(plain)
+    # All that may depend on a signal may depend on the recorded airspeed, too.
+    assert further == [f"varies:{name}(airspeed)" for name in rigid.factors]
 
 
 def test_a_vane_is_offered_only_where_there_is_the_rate_that_it_feels() -> None:

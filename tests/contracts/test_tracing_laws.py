@@ -10,9 +10,9 @@ import pytest
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import NoiseEffect, Regularity, full_name
 from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
-from sim.effects.library import effects_for, guards_for, library
+from sim.effects.library import guards_for, library
 from tests.bases import base_for, fly
-from tests.offered import VEHICLES, first_of_each_kind, guards_of_whole_axes, representatives
+from tests.offered import VEHICLES, first_of_each_kind, guards_of_whole_axes, held_to_all_laws, representatives
 
 CONTEXTS = {
     "usual": SearchContext(
@@ -33,7 +33,7 @@ CONTEXTS = {
 INVISIBLE = {"sensor-delay:altitude", "sensor-lag:altitude"}
 FLOWN = {"loes": {"alpha": (-0.03, 0.03)}, "lateral": {"beta": (-0.12, 0.1)}, "longitudinal": {"alpha": (-0.06, 0.09)}}
 every_context = pytest.mark.parametrize("context", CONTEXTS.values(), ids=CONTEXTS)
-OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*effects_for(vehicle), *guards_for(vehicle))]
+OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*held_to_all_laws(vehicle), *guards_for(vehicle))]
 OFFERED += representatives() + first_of_each_kind(guards_of_whole_axes())
 CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED if isinstance(effect, Traceable)]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)

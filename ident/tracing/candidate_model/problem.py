@@ -28,6 +28,7 @@ class TraceProblem:
 
     ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards. ``predicted`` : records that will be
     predicted; only the ranges they fly through are used. ``progress`` is told what is done, and which share of the work that is.
+    ``general`` : instances of general forms (``Traits.general``), which stand behind the candidates.
     """
 
     records: Sequence[Record]
@@ -39,6 +40,7 @@ class TraceProblem:
     predicted: Sequence[Record] = ()
     witness: Witness = silent
     progress: Callable[[str, float], None] = untold
+    general: Sequence[Traceable] = ()
 
     @property
     def guards(self) -> frozenset[str]:
@@ -48,7 +50,7 @@ class TraceProblem:
     @property
     def twins(self) -> Mapping[str, tuple[str, ...]]:
         """By name of a candidate, other descriptions of the same fault."""
-        return {candidate.name: candidate.traits.twins for candidate in self.candidates}
+        return {candidate.name: candidate.traits.twins for candidate in (*self.candidates, *self.general)}
 
     @property
     def data(self) -> FitData:

@@ -175,7 +175,7 @@ def _accepted(
     for place, finding in enumerate(findings):
         child = children.get(place)
         others = tuple(f.effect.name for f in findings if f is not finding and collinear(f, finding) > thresholds.COLLINEAR)
-        ledger = ledger.told(evidence=[_candidate(number, fitted, finding, child, others)])
+        ledger = ledger.told(evidence=[evidence_of(number, fitted, finding, child, others)])
         # A child before may have shown a better optimum of the set without it: its score is lowered once, not by every child that finds it.
         parent = ledger.known(fitted)
         if child is None or gain(parent, child, ledger.problem.settings.accept) <= ledger.problem.settings.accept:
@@ -236,7 +236,8 @@ def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tupl
     return ledger.kept(again, ledger.score(fitted) - 2.0 * (fitted.fit.cost - again.fit.cost)), again
 
 
-def _candidate(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, others: tuple[str, ...]) -> Candidate:
+def evidence_of(number: int, fitted: FittedModel, finding: Finding, child: FittedModel | None, others: tuple[str, ...]) -> Candidate:
+    """What is kept of a finding of round ``number`` at a fitted model; ``child`` is the fit with it, ``others`` names of what looks alike."""
     from scipy.special import chdtrc
 
     effect = finding.effect

@@ -54,6 +54,10 @@ class Ledger:
         """With this share of the means to be spent anew."""
         return replace(self, spent=min(self.spent, (1.0 - share) * self.problem.settings.budget), ran_out=self.stopped)
 
+    def respent(self, spent: float) -> Ledger:
+        """With so much counted as spent."""
+        return replace(self, spent=spent)
+
     def score(self, fitted: FittedModel) -> float:
         """Score of the set of a fitted model."""
         return self.scores[frozenset(fitted.names)]

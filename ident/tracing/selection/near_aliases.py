@@ -71,7 +71,7 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
         return ledger, []
     found: list[FittedModel] = []
     brought = base.fit.cost - best.fit.cost
-    candidates = [candidate for candidate in ledger.problem.candidates if candidate.name in names]
+    candidates = [candidate for candidate in (*ledger.problem.candidates, *ledger.problem.general) if candidate.name in names]
     for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
         # What no record tells apart is shown whatever the search has spent; it, and what is known to look alike, whatever a base fit that
         # bent far says of it.
@@ -108,6 +108,8 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in ledger.models}
     candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)} | {*effect.traits.equivalents}
+    if effect.traits.general:
+        candidates |= {c.name for c in ledger.problem.general}
     twins = {name for other in best.effects if other.name in rest for name in other.traits.twins}
     return (names & candidates) - rest - known - twins - {effect.name}
 

@@ -12,7 +12,7 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import all_labelled, labelled
-from sim.effects.loads import LOADS, load_parameters
+from sim.effects.loads import LOADS, also_varying, load_parameters
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
@@ -39,7 +39,6 @@ class DampingCurve:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     states: ClassVar[tuple[Signal, ...]] = ()
-    traits: ClassVar[Traits] = Traits(guard=True)
     explanation: ClassVar[str] = (
         "A generic term: damping grows with the size of the rate, CL += lift q |q| and Cm += moment q |q|, q non-dimensional; of roll and yaw "
         f"alike. {_NO_CAUSE}"
@@ -48,6 +47,10 @@ class DampingCurve:
     @property
     def name(self) -> str:
         return labelled("guard:damping-curve", self.label)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(guard=True, also=also_varying(self.ports, self.rate, self.rate))
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import LOADS, load_parameters
+from sim.effects.loads import LOADS, also_varying, load_parameters
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ class ProductLoads:
         return Traits(
             guard=True,
             within=self.aliases,
+            also=also_varying(self.ports, self.first, self.second),
         )
 
     @property

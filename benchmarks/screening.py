@@ -1,0 +1,75 @@
+"""What it costs to rank the instances of the general form (`varies:PARAMETER(SIGNAL)`), in one pass and one by one, beside all other candidates.
+
+    python benchmarks/screening.py [--runs N]
+
+Records without anything missing of the `rigid`, `lateral` and `longitudinal` models. Times are processor milliseconds of one process, the least
+of the runs; the ratio is to the other candidates, so that runs on different machines compare.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+
+def problems() -> dict[str, object]:
+    """A search's problem by model."""
+    from ident.tracing.candidate_model.problem import TraceProblem
+    from ident.tracing.settings import TraceSettings
+    from ident.tracing.spikes.masks import measured_masks
+    from sim.vehicles.factory import model_from_constants
+    from tests.tracing_problem import declared, doublets, planted
+    from tests.whole_axes import CONSTANTS, TRUE, flown
+
+    found = {}
+    for kind in ("rigid", "lateral", "longitudinal"):
+        if kind == "rigid":
+            record, model = planted(seed=3, flight=doublets(20.0)), declared()
+        else:
+            record = flown(kind, 3)
+            wrong = {name: 0.8 * value for name, value in TRUE[kind].items()}
+            model = model_from_constants(kind, CONSTANTS[kind], wrong).with_biases([channel.name for channel in record.outputs])
+        outputs = [channel.name for channel in record.outputs]
+        found[kind] = TraceProblem([record], measured_masks([record], outputs), model, (), outputs, TraceSettings())
+    return found
+
+
+def least(act: Callable[[], object], runs: int) -> float:
+    """Processor milliseconds of the quickest of some runs, one before them not counted."""
+    times = []
+    for _ in range(runs + 1):
+        start = time.process_time()
+        act()
+        times.append(1000.0 * (time.process_time() - start))
+    return min(times[1:])
+
+
+def main() -> None:
+    from ident.tracing.screening.context import search_context
+    from ident.tracing.screening.score_test import screen
+    from ident.tracing.screening.stacked import screen_varying
+    from scenarios.diagnosis.candidates import candidates_for
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=5)
+    runs = parser.parse_args().runs
+    print("model         samples  others  their ms  instances  one by one ms  in one pass ms  ms each  share of others")
+    for kind, problem in problems().items():
+        fitted = problem.fit((), None)
+        context, every = search_context(fitted), candidates_for(problem.model)
+        others, instances = ([c for c in every if c.traits.general is wanted] for wanted in (False, True))
+        known = least(lambda f=fitted, c=context, e=others: screen(f, e, c), runs)
+        apart = least(lambda f=fitted, c=context, e=instances: screen(f, e, c), runs)
+        together = least(lambda f=fitted, c=context, e=instances: screen_varying(f, e, c), runs)
+        counts = f"{len(problem.records[0]):7}  {len(others):6}  {known:8.0f}  {len(instances):9}"
+        print(f"{kind:12}  {counts}  {apart:13.0f}  {together:14.1f}  {together / len(instances):7.2f}  {100.0 * together / known:13.1f} %")
+
+
+if __name__ == "__main__":
+    main()
