@@ -18,10 +18,17 @@ Columns = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives of one model by name, and the largest share of a load's variance that straight lines leave."""
+    """Derivatives of one model by name; ``weight``: what each moves its load by, over the load's spread; ``left``: the largest share of a
+    load's variance that straight lines leave.
+    """
 
     values: Mapping[str, float]
+    weight: Mapping[str, float]
     left: float
+
+    def without(self, *symbols: str) -> Slopes:
+        """The same but for derivatives by these symbols."""
+        return Slopes({name: value for name, value in self.values.items() if name.partition("_")[2] not in symbols}, self.weight, self.left)
 
 
 def slopes_of(model: str, flown: Flown, motion: Flown | None = None) -> Slopes:
@@ -60,8 +67,7 @@ def _rigid(trim: Flown, flown: Flown) -> Slopes:
     }
     lift = -flown["force_z"] * np.cos(flown["alpha"]) + flown["force_x"] * np.sin(flown["alpha"])
     area = 0.5 * float(trim["air_density"][0]) * speed**2 * body.wing_area
-    found = _straight({"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)})
-    return Slopes({name: value for name, value in found.values.items() if name.split("_")[1] not in ("0", "V")}, found.left)
+    return _straight({"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)}).without("0", "V")
 
 
 def _longitudinal(trim: Flown, flown: Flown) -> Slopes:
@@ -84,8 +90,7 @@ def _lateral(trim: Flown, flown: Flown) -> Slopes:
     half, area = flown.body.span / (2.0 * flown["airspeed"]), _pressure_area(flown)
     columns = {"beta": flown["beta"], "p": flown["p"] * half, "r": flown["r"] * half, **_moved(flown, {"da": "aileron", "dr": "rudder"})}
     loads = {"CY": flown["force_y"], "Cl": flown["moment_l"] / flown.body.span, "Cn": flown["moment_n"] / flown.body.span}
-    found = _straight({letter: (load / area, columns) for letter, load in loads.items()})
-    return Slopes({name: value for name, value in found.values.items() if not name.endswith("_0")}, found.left)
+    return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without("0")
 
 
 def _pressure_area(flown: Flown) -> np.ndarray:
@@ -99,13 +104,15 @@ def _moved(flown: Flown, names: Mapping[str, str]) -> dict[str, np.ndarray]:
 
 def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:
     """Least squares of every load on a constant and its columns, each scaled to its own spread."""
-    values, left = {}, 0.0
+    values, weight, left = {}, {}, 0.0
     for letter, (load, columns) in loads.items():
         spread = {name: float(np.std(column)) or 1.0 for name, column in columns.items()}
         matrix = np.stack([np.ones(len(load)), *((column - column[0]) / spread[name] for name, column in columns.items())], axis=1)
         solved = np.linalg.lstsq(matrix, load, rcond=None)[0]
-        left = max(left, float(np.var(load - matrix @ solved) / (np.var(load) or 1.0)))
+        size = float(np.std(load)) or 1.0
+        left = max(left, float(np.var(load - matrix @ solved)) / size**2)
         slopes = {name: float(value) / spread[name] for name, value in zip(columns, solved[1:], strict=True)}
         values[f"{letter}_0"] = float(solved[0]) - sum(slopes[name] * float(columns[name][0]) for name in columns)
         values |= {f"{letter}_{name}": slope for name, slope in slopes.items()}
-    return Slopes(values, left)
+        weight |= {f"{letter}_{name}": abs(slope) * spread[name] / size for name, slope in slopes.items()}
+    return Slopes(values, weight, left)

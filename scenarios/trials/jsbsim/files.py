@@ -12,11 +12,13 @@ import numpy as np
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.trials.jsbsim.declaration import JsbsimFlight
+from scenarios.trials.jsbsim.derivatives import Slopes
 from scenarios.trials.jsbsim.faults import named
 from scenarios.trials.jsbsim.flight import JsbsimTruth
 from sim.record import Record
 
 STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting values
+FELT = 0.01  # share of a load's spread: a derivative that moves less is zero for a fit
 
 
 def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str) -> tuple[dict[str, Path], Path]:
@@ -27,7 +29,7 @@ def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimT
     vehicles = {}
     for model, constants in truth.constants.items():
         vehicles[model] = folder / f"{stem}_{model}.toml"
-        text = vehicle_text(flight, model, constants, truth.about_trim[model].values, rng)
+        text = vehicle_text(flight, constants, truth.about_trim[model], rng)
         vehicles[model].write_text(text, encoding="utf-8")
     path = folder / f"{stem}_truth.json"
     write_json(path, truth_content(flight, seed, truth))
@@ -35,13 +37,13 @@ def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimT
 
 
 def vehicle_text(
-    flight: JsbsimFlight, model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], rng: np.random.Generator
+    flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
 ) -> str:
-    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those that are exactly zero left out."""
+    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those that move nothing left out."""
     lines = [f'name = "{flight.aircraft}"', *(f"{name} = {value!r}" for name, value in constants.items()), "[derivatives]"]
-    for name, value in derivatives.items():
+    for name, value in slopes.values.items():
         start = value * (1.0 + flight.wrong * rng.uniform(-1.0, 1.0))
-        if value:
+        if slopes.weight.get(name, 1.0) > FELT:
             lines.append(f"{name} = {start:.4g}")
     return "\n".join(lines) + "\n"
 

@@ -17,11 +17,12 @@ from sim.record import Channel, Hold, Record
 
 REHEARSAL = 12.0  # s
 ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
-FIRST, MOST = 0.05, 0.6  # of full travel
+FIRST, MOST = math.radians(1.0), math.radians(20.0)  # of a surface
 LEVER = 0.12  # of the throttle's travel
-SMALL, LEAST_MOVED = 0.1, 2e-3  # of the maneuver, for slopes about trim; rad that a surface moves at least
+SMALL = 0.1  # of the maneuver, for slopes about trim
 UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-LEVELLER = 0.3  # of the pilot's gains: between maneuvers the wings come slowly back to level
+# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back to level.
+HELD, SLOWLY = 1.0, 0.3
 # How far a control takes the aircraft from trim: what perturbation models describe and sensors see well.
 PEAKS: Mapping[str, Mapping[str, float]] = {
     "elevator": {"alpha": math.radians(3.0), "q": math.radians(12.0)},
@@ -34,7 +35,7 @@ PEAKS: Mapping[str, Mapping[str, float]] = {
 class JsbsimTruth:
     """What is true of a flight: by model constants, slopes about trim, and the nearest straight lines over the maneuver as it was flown.
 
-    ``sizes`` : peak of each control, parts of full travel.
+    ``sizes`` : peak of each surface, rad, and of the throttle, parts of its travel.
     """
 
     constants: Mapping[str, Mapping[str, float]]
@@ -53,11 +54,13 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     frames = math.ceil(FRAMES / flight.rate)  # of one sample
     calm = Condition(flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed)
     units = units_of(calm)
-    sizes = {control: _sized(calm, control, unit) for control, unit in units.items() if control in CONTROLS[flight.axis]} | {"throttle": LEVER}
+    sizes = {control: _sized(calm, control, units[control]) if control in PEAKS else LEVER for control in CONTROLS[flight.axis]}
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
-    wanted = {control: flight.size * size for control, size in sizes.items() if control in CONTROLS[flight.axis]}
-    flown = fly(replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), LEVELLER)
-    small = _small_motion(calm, flight, sizes, units, time)
+    wanted = {control: flight.size * size for control, size in sizes.items()}
+    leveller = SLOWLY if "aileron" in wanted else HELD
+    flown = fly(replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller)
+    less = {control: SMALL * size for control, size in sizes.items()}
+    small = fly(calm, commands(replace(flight, maneuver="3-2-1-1"), less, units, time), leveller)
     models = MODELS[flight.axis]
     truth = JsbsimTruth(
         {model: constants_of(model, small) for model in models},
@@ -71,8 +74,8 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
 def units_of(calm: Condition) -> dict[str, float]:
     """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites, told by a small motion."""
     time = calm.step * np.arange(round(REHEARSAL / calm.step))
-    pitching = _until_moved(calm, "elevator", 0.5, time)
-    yawing = _until_moved(calm, "rudder", 0.5, time)
+    pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
+    yawing = fly(calm, rehearsal("rudder", FIRST, 0.5, time), SLOWLY)
     pitch = _frequency(pitching, "moment_m", ("alpha", "q", "elevator"), pitching.body.pitch_inertia)
     yaw = _frequency(yawing, "moment_n", ("beta", "r", "p", "rudder"), yawing.body.yaw_inertia)
     step = {"elevator": 1.6 / pitch, "rudder": 1.6 / yaw, "aileron": 1.0 / yaw}
@@ -86,39 +89,16 @@ def _frequency(flown: Flown, moment: str, by: tuple[str, ...], inertia: float) -
     return math.sqrt(max(abs(stiffness), 0.25))
 
 
-def _until_moved(calm: Condition, control: str, unit: float, time: np.ndarray, size: float = 0.02) -> Flown:
-    """A small motion of one control, as large as it takes the surface to move at all: some linkages have play."""
-    flown = fly(calm, rehearsal(control, size, unit, time), 0.0)
-    while np.ptp(flown.signals.get(control, np.ones(1) * [0, 1])) < LEAST_MOVED and size < MOST:
-        size *= 2.0
-        flown = fly(calm, rehearsal(control, size, unit, time), 0.0)
-    return flown
-
-
 def _sized(calm: Condition, control: str, unit: float) -> float:
-    """The command (parts of full travel) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
-    if control == "throttle":
-        return LEVER
+    """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
     time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
     for _ in range(ROUNDS):
-        flown = fly(calm, rehearsal(control, size, unit, time), LEVELLER)
+        flown = fly(calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY)
         reached = max(float(np.max(np.abs(flown[name] - flown[name][0]))) / peak for name, peak in PEAKS[control].items())
         if abs(reached - 1.0) < NEAR:
             break
         size = min(MOST, size * float(np.clip(1.0 / reached, 0.25, 4.0)))
     return size
-
-
-def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> Flown:
-    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where play in a linkage swallows it."""
-    share = SMALL
-    while True:
-        less = {control: share * size for control, size in sizes.items()}
-        flown = fly(calm, commands(replace(flight, maneuver="3-2-1-1"), less, units, time), LEVELLER)
-        moved = [np.ptp(flown[control]) for control in CONTROLS[flight.axis] if control in flown.signals]
-        if min(moved) > LEAST_MOVED or share >= 1.0:
-            return flown
-        share = min(1.0, 2.0 * share)
 
 
 def _recorded(flight: JsbsimFlight, flown: Flown, frames: int, rng: np.random.Generator) -> Record:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from scenarios.trials.jsbsim.aircraft import FOOT, KNOT, NEEDS, package_folder, surfaces_of
+from scenarios.trials.jsbsim.aircraft import FOOT, KNOT, NEEDS, Surface, package_folder, surfaces_of
 from sim.errors import DeclarationError
 
 SLUG = 14.59390293720636  # kg
@@ -22,8 +23,10 @@ MILSPEC, WIND_AT_20_FT = 3, 25.0  # JSBSim's Dryden turbulence after MIL-F-8785C
 ENGINES, THROTTLE, MIXTURE = 4, 0.6, 0.87
 AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
-# The pilot who brings the wings back to level: aileron in parts of its travel per rad and per rad/s.
-BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.5, 0.3, 0.4
+# The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
+BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
+PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
+PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
 
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor anything of the sensors.
 READ: Mapping[str, tuple[str, float]] = {
@@ -74,43 +77,85 @@ class Condition:
     air_seed: int = 1
 
 
-def fly(condition: Condition, commands: Mapping[str, np.ndarray], leveller: float) -> Flown:
-    """Fly commands from trim; every autopilot off, fuel frozen.
+def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float) -> Flown:
+    """Fly from trim; every autopilot off, fuel frozen, and a pilot who puts the surfaces where they are wanted.
 
     Parameters
     ----------
-    commands : by control (elevator, aileron, rudder, throttle) what is added to its trim, in parts of full travel, one value a frame.
+    wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel; one value a frame.
     leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
 
     Raises
     ------
     DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes astray.
     """
-    machine = trimmed(condition)
     surfaces = surfaces_of(condition.aircraft)
-    count = len(next(iter(commands.values())))
-    neutral = {name: machine[f"fcs/{name}-cmd-norm"] for name in ("elevator", "aileron", "rudder", "throttle")}
+    machine = trimmed(condition)
+    hands = _hands(condition, surfaces)
     names = [*(surface.property for surface in surfaces.values()), *(name for name, _ in READ.values())]
-    seen = np.empty((len(names), count))
-    for k in range(count):
-        _steer(machine, neutral, {name: values[k] for name, values in commands.items()}, leveller)
+    seen = np.empty((len(names), len(next(iter(wanted.values())))))
+    pilot = _Pilot(machine, hands, condition.step, leveller)
+    for k in range(seen.shape[1]):
+        pilot.steer({name: float(values[k]) for name, values in wanted.items()})
         machine.run()
         seen[:, k] = [machine[name] for name in names]
     factors = [*(surface.scale for surface in surfaces.values()), *(factor for _, factor in READ.values())]
     signals = dict(zip((*surfaces, *READ), seen * np.array(factors)[:, None], strict=True))
-    signals["psi"] = np.unwrap(signals["psi"])
+    signals["psi"] = np.unwrap(signals["psi"]) - 2.0 * math.pi * round(float(signals["psi"][0]) / (2.0 * math.pi))
     _refuse_astray(condition, signals)
-    return Flown({"time": condition.step * np.arange(count), **signals}, _body(machine))
+    return Flown({"time": condition.step * np.arange(seen.shape[1]), **signals}, _body(machine))
 
 
-def _steer(machine: Any, neutral: Mapping[str, float], added: Mapping[str, float], leveller: float) -> None:
-    roll = BANK_GAIN * machine["attitude/phi-rad"] + ROLL_GAIN * machine["velocities/p-rad_sec"]
-    held = leveller * min(MOST_AILERON, max(-MOST_AILERON, roll))
-    for name in ("elevator", "aileron", "rudder"):
-        machine[f"fcs/{name}-cmd-norm"] = neutral[name] + added.get(name, 0.0) - (held if name == "aileron" else 0.0)
-    if "throttle" in added:
-        for engine in range(ENGINES):
-            machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, neutral["throttle"] + added["throttle"]))
+@dataclass(frozen=True)
+class Hand:
+    """A surface in the pilot's hand: its property with its scale to radians, and the radians that full command is worth."""
+
+    surface: Surface
+    reach: float
+
+
+@functools.cache
+def _reaches(condition: Condition) -> Mapping[str, float]:
+    """By surface the radians that full command is worth, told by a small step of each from trim."""
+    machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
+    neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
+    for name in surfaces:
+        machine[f"fcs/{name}-cmd-norm"] += PROBE
+    moved = dict.fromkeys(surfaces, 0.0)
+    for _ in range(round(PROBED / condition.step)):
+        machine.run()
+        for name, surface in surfaces.items():
+            moved[name] = max(moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs)
+    return {name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE}
+
+
+def _hands(condition: Condition, surfaces: Mapping[str, Surface]) -> dict[str, Hand]:
+    reaches = _reaches(replace(condition, rough_air=0, air_seed=0))
+    return {name: Hand(surfaces[name], reach) for name, reach in reaches.items()}
+
+
+class _Pilot:
+    """Commands by which surfaces go where they are wanted, through play, dampers and unequal travel: in proportion, and until nothing is left."""
+
+    def __init__(self, machine: Any, hands: Mapping[str, Hand], step: float, leveller: float) -> None:
+        self._machine, self._hands, self._share, self._leveller = machine, hands, PATIENCE * step, leveller
+        self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
+        self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
+
+    def steer(self, wanted: Mapping[str, float]) -> None:
+        """Set the commands of the next frame."""
+        machine = self._machine
+        for name, hand in self._hands.items():
+            change = wanted.get(name, 0.0)
+            if name == "aileron":
+                roll = BANK_GAIN * machine["attitude/phi-rad"] + ROLL_GAIN * machine["velocities/p-rad_sec"]
+                change -= math.copysign(self._leveller * min(MOST_AILERON, max(-MOST_AILERON, roll)), hand.reach * roll)
+            left = change - hand.surface.scale * (machine[hand.surface.property] - self._neutral[name])
+            self._at[name] += self._share * left / hand.reach
+            machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
+        if "throttle" in wanted:
+            for engine in range(ENGINES):
+                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, self._at["throttle"] + wanted["throttle"]))
 
 
 def trimmed(condition: Condition) -> Any:

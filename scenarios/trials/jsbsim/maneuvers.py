@@ -25,7 +25,7 @@ SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 
 
 def commands(flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> dict[str, np.ndarray]:
-    """By control what is added to its trim, in parts of full travel, at each frame.
+    """By control what is added to its trim at each frame: rad, of the throttle parts of full travel.
 
     ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it excites, s.
     """
