@@ -18,7 +18,7 @@ from scenarios.trials.jsbsim.flight import JsbsimTruth
 from sim.record import Record
 
 STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting values
-FELT = 0.01  # share of a load's spread: a derivative that moves less is zero for a fit
+FELT = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
 
 
 def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str) -> tuple[dict[str, Path], Path]:
@@ -36,9 +36,7 @@ def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimT
     return vehicles, path
 
 
-def vehicle_text(
-    flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
-) -> str:
+def vehicle_text(flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator) -> str:
     """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those that move nothing left out."""
     lines = [f'name = "{flight.aircraft}"', *(f"{name} = {value!r}" for name, value in constants.items()), "[derivatives]"]
     for name, value in slopes.values.items():

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import functools
 import importlib
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +27,8 @@ AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
 # The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
 BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
+# The pilot who holds the pitch attitude while another control is moved: elevator (rad) per rad and per rad/s.
+PITCH_GAIN, PITCHING_GAIN = 0.3, 0.15
 PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
 PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
 
@@ -92,6 +96,10 @@ def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float)
     surfaces = surfaces_of(condition.aircraft)
     machine = trimmed(condition)
     hands = _hands(condition, surfaces)
+    for name in wanted:
+        if name not in (*hands, "throttle"):
+            what = f"{condition.aircraft} has no {name} that its command moves and its air loads read"
+            raise DeclarationError(what, where="key aircraft", remedy="give another aircraft, or an axis that does without")
     names = [*(surface.property for surface in surfaces.values()), *(name for name, _ in READ.values())]
     seen = np.empty((len(names), len(next(iter(wanted.values())))))
     pilot = _Pilot(machine, hands, condition.step, leveller)
@@ -141,15 +149,19 @@ class _Pilot:
         self._machine, self._hands, self._share, self._leveller = machine, hands, PATIENCE * step, leveller
         self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
         self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
+        self._attitude = machine["attitude/theta-rad"]
 
     def steer(self, wanted: Mapping[str, float]) -> None:
         """Set the commands of the next frame."""
         machine = self._machine
         for name, hand in self._hands.items():
             change = wanted.get(name, 0.0)
+            if name == "elevator" and name not in wanted:
+                raised = machine["attitude/theta-rad"] - self._attitude
+                change = math.copysign(1.0, hand.reach) * (PITCH_GAIN * raised + PITCHING_GAIN * machine["velocities/q-rad_sec"])
             if name == "aileron":
                 roll = BANK_GAIN * machine["attitude/phi-rad"] + ROLL_GAIN * machine["velocities/p-rad_sec"]
-                change -= math.copysign(self._leveller * min(MOST_AILERON, max(-MOST_AILERON, roll)), hand.reach * roll)
+                change -= math.copysign(self._leveller, hand.reach) * min(MOST_AILERON, max(-MOST_AILERON, roll))
             left = change - hand.surface.scale * (machine[hand.surface.property] - self._neutral[name])
             self._at[name] += self._share * left / hand.reach
             machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
@@ -163,12 +175,13 @@ def trimmed(condition: Condition) -> Any:
     folder = package_folder()
     os.environ.setdefault("JSBSIM_DEBUG", "0")
     package = importlib.import_module("jsbsim")
-    machine = package.FGFDMExec(str(folder))
-    machine.set_debug_level(0)
-    for name in NEEDS.get(condition.aircraft, ()):
-        machine[name] = 0.0
     try:
-        _load_and_trim(machine, condition)
+        with _silence():
+            machine = package.FGFDMExec(str(folder))
+            machine.set_debug_level(0)
+            for name in NEEDS.get(condition.aircraft, ()):
+                machine[name] = 0.0
+            _load_and_trim(machine, condition)
         rest = [machine[f"accelerations/{name}"] for name in ("udot-ft_sec2", "vdot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")]
     except (KeyError, RuntimeError, package.BaseError) as error:
         raise _no_trim(condition, " ".join(str(error).split())) from None
@@ -180,6 +193,22 @@ def trimmed(condition: Condition) -> Any:
         machine["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = WIND_AT_20_FT
         machine["atmosphere/turbulence/milspec/severity"] = condition.rough_air
     return machine
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older versions."""
+    kept = [os.dup(number) for number in (1, 2)]
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+        for number in (1, 2):
+            os.dup2(nowhere.fileno(), number)
+        try:
+            yield
+        finally:
+            ctypes.CDLL(None).fflush(None)  # what still waits in the buffers of C
+            for number, old in zip((1, 2), kept, strict=True):
+                os.dup2(old, number)
+                os.close(old)
 
 
 def _load_and_trim(machine: Any, condition: Condition) -> None:
@@ -213,4 +242,3 @@ def _body(machine: Any) -> Body:
     size = [machine[f"metrics/{name}"] for name in ("Sw-sqft", "bw-ft", "cbarw-ft")]
     mass = machine["inertia/mass-slugs"] * SLUG
     return Body(mass, size[0] * FOOT**2, size[1] * FOOT, size[2] * FOOT, inertia["xx"], inertia["yy"], inertia["zz"], -inertia["xz"])
-

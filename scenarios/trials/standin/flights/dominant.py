@@ -24,6 +24,7 @@ SIZING_STEP = 0.01  # s
 ROUNDS = 4
 OF_AXIS = {LONGITUDINAL: KINDS, LATERAL: LATERAL_KINDS}
 
+
 def draw_dominant(drawn: Drawn, rng: np.random.Generator) -> Drawn:
     """The flight with as many effects as it declares; names whose largest size is still too small are passed over.
 

@@ -50,7 +50,8 @@ class Drawn:
     Attributes
     ----------
     declared : the short period with the true constants and derivatives; nothing else. model : with all that stays for the flight.
-    maneuvers : of the first input, one a record; others : those of further inputs, by name; kinds : what they are. corners : of the filters by channel, Hz, the elevator's among them; empty without.
+    maneuvers : of the first input, one a record; others : those of further inputs, by name; kinds : what they are.
+    corners : of the filters by channel, Hz, the inputs' among them; empty without.
     channels : recorded outputs. starts : what the loop is told of the derivatives. hidden : what dominates.
     """
 

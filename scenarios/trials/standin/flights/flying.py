@@ -10,8 +10,8 @@ import numpy as np
 
 from scenarios.trials.standin.declaration import LATERAL
 from scenarios.trials.standin.flights.drawing import ELEVATOR, SPEED, Dominant, Drawn, with_term
-from scenarios.trials.standin.flights.level import speed_rate, steered
 from scenarios.trials.standin.flights.lateral.flying import fly_lateral
+from scenarios.trials.standin.flights.level import speed_rate, steered
 from scenarios.trials.standin.flights.maneuvers import CELL, Table
 from scenarios.trials.standin.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect

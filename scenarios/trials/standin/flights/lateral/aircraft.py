@@ -26,8 +26,16 @@ class LateralFlight:
     """
 
     name: str = "lateral"
-    states: tuple[Signal, ...] = (*BASE.states, Signal("speed", "m/s", "airspeed above the start"), Signal("washed", "rad", "sideslip that the fin feels"))
-    inputs: tuple[Signal, ...] = (*BASE.inputs, Signal("sidewind", "m/s", "gust from the right"), Signal("thrust", "m/s2", "thrust above drag over mass"))
+    states: tuple[Signal, ...] = (
+        *BASE.states,
+        Signal("speed", "m/s", "airspeed above the start"),
+        Signal("washed", "rad", "sideslip that the fin feels"),
+    )
+    inputs: tuple[Signal, ...] = (
+        *BASE.inputs,
+        Signal("sidewind", "m/s", "gust from the right"),
+        Signal("thrust", "m/s2", "thrust above drag over mass"),
+    )
     outputs: tuple[Signal, ...] = BASE.outputs
     no_controls: tuple[str, ...] = ("sidewind", "thrust")
     ports: tuple[Signal, ...] = BASE.ports
