@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.commands.failures import named_after
+from scenarios.commands.jsbsim import simulate_jsbsim
 from scenarios.commands.planted import simulate_trace
 from scenarios.commands.standin import simulate_standin
 from sim.errors import DeclarationError, FlightidError
@@ -117,6 +118,13 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
     return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, print_loop)
 
 
+def _flown_only(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.studies.catalogue import scenario_file
+
+    remedy = f"use flightid simulate {name} --out flight.csv, and then identify or diagnose"
+    raise DeclarationError("a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy)
+
+
 def _printed(text: Callable[[Any, int], str]) -> Callable[[Any], None]:
     """Prints a study's text as wide as the terminal is."""
 
@@ -133,6 +141,7 @@ _LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
     "trace": _trace,
     "standin": _standin,
     "x29": _loop,
+    "jsbsim": _flown_only,
 }
 
 
@@ -144,7 +153,7 @@ def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
     try:
-        whole = {"standin": simulate_standin, "trace": simulate_trace}.get(scenario_kind(name))
+        whole = {"standin": simulate_standin, "trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(name))
         if whole is not None:
             whole(name, out, seed, changes)
             return

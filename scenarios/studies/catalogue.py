@@ -13,7 +13,7 @@ from scenarios.studies.declaration import Scenario
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
-KINDS = (IDENTIFICATION, "trace", "standin", "x29")
+KINDS = (IDENTIFICATION, "trace", "standin", "x29", "jsbsim")
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:

@@ -9,11 +9,12 @@ Span = tuple[float, float]
 
 MEASURED = ("alpha", "q", "nz")
 OPTIONAL = ("theta", "airspeed", "dynamic_pressure", "ax")
+LONGITUDINAL, LATERAL = "longitudinal", "lateral"
 
 
 @dataclass(frozen=True)
 class Causes:
-    """Levels of the small causes; zero turns each off.
+    """Levels of the small causes; zero turns each off. In the lateral axis pitch is yaw, lift the side force, the elevator rudder and aileron.
 
     Attributes
     ----------
@@ -67,7 +68,7 @@ class FlightLine:
     amplitude : elevator, rad. surface : frequency of the surface's servo, rad/s, which rounds every step before it is recorded.
     trim_alpha : rad. total : angle of attack and load factor are recorded with their trim values. optional : chance of each further channel.
     unrecorded : further channels that no flight records. level : the pilot holds the height with the elevator while a hidden speed-variation
-        acts; without, the path bends down as the lift goes.
+        acts; without, the path bends down as the lift goes. axis : ``LONGITUDINAL`` or ``LATERAL``.
     """
 
     vehicles: tuple[str, ...]
@@ -85,6 +86,7 @@ class FlightLine:
     unrecorded: tuple[str, ...] = ()
     level: bool = False
     once: str = ""
+    axis: str = LONGITUDINAL
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import estimate_of
-from scenarios.trials.standin.declaration import MEASURED
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Model
@@ -21,15 +20,21 @@ from sim.record import Record
 
 def declared_model(declared: Model, starts: Mapping[str, float], effects: Sequence[tuple[Effect, Mapping[str, float]]] = ()) -> Model:
     """What the loop is told, with biases, and with effects that start at the values beside them; all of these free that their effect leaves free."""
-    model = declared.with_values(starts).with_biases(MEASURED)
+    model = declared.with_values(starts).with_biases(measured_by(declared))
     for effect, values in effects:
         model = model.with_effects(effect).with_values({full_name(effect, local): value for local, value in values.items()})
     return model
 
 
+def measured_by(model: Model) -> tuple[str, ...]:
+    """The outputs of a model, all of which are fitted."""
+    return tuple(signal.name for signal in model.equations.outputs)
+
+
 def fitted(records: Sequence[Record], model: Model, *, coloured: bool = False, step: float = 0.01) -> Fit:
     """Output error over whole records together; ModelError where no finite cost is found."""
-    layout = lay_out([record.only(MEASURED) for record in records], compile_model(model, MEASURED), FitSettings(max_step=step, coloured=coloured))
+    names = measured_by(model)
+    layout = lay_out([record.only(names) for record in records], compile_model(model, names), FitSettings(max_step=step, coloured=coloured))
     fit = fit_whole_records(FitProblem(layout))
     if fit is None:
         raise ModelError("the declared model has no finite cost on these records", where=records[0].name, remedy="check the declared levels")
@@ -42,7 +47,7 @@ def estimated(fit: Fit) -> Estimate:
 
 
 def misfit(records: Sequence[Record], model: Model) -> np.ndarray:
-    """Root mean square residual of a fit by channel, ``(3,)``: rad, rad/s, g."""
+    """Root mean square residual of a fit by channel, ``(m,)``, in the channels' units."""
     residuals = np.concatenate(fitted(records, model).residuals, axis=1)
     return np.sqrt(np.mean(residuals**2, axis=1))
 
@@ -57,7 +62,7 @@ def left_over(records: Sequence[Record], model: Model, noise: Mapping[str, float
     estimates = [estimated(fit) for fit in fits]
     residuals = [fit.residuals[0] for fit in fits]
     sigma, spread = np.median([e.std for e in estimates], axis=0), np.std([e.values for e in estimates], axis=0, ddof=1)
-    levels = np.array([noise.get(name, np.inf) for name in MEASURED])
+    levels = np.array([noise.get(name, np.inf) for name in measured_by(model)])
     return {
         "correlation": np.median([[np.corrcoef(row[:-1], row[1:])[0, 1] for row in r] for r in residuals], axis=0),
         "excess": np.median([np.std(r, axis=1) for r in residuals], axis=0) / levels,

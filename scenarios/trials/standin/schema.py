@@ -12,8 +12,10 @@ from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.quantities import Quantity, positive, si
 from scenarios.trials.aircraft import AIRCRAFT
-from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, FlightLine, Hidden, Span, StandIn
-from scenarios.trials.standin.flights.dominant import KINDS as EFFECTS
+from scenarios.trials.standin.axes import AXES
+from scenarios.trials.standin.declaration import LATERAL, LONGITUDINAL, Causes, FlightLine, Hidden, Span, StandIn
+from scenarios.trials.standin.flights.dominant import OF_AXIS
+from scenarios.trials.standin.flights.lateral.maneuvers import PAIRS
 from scenarios.trials.standin.flights.maneuvers import KINDS as MANEUVERS
 from scenarios.trials.standin.flights.maneuvers import USUAL
 from scenarios.trials.standin.flights.sizes import SIZES
@@ -22,7 +24,8 @@ from sim.errors import DeclarationError
 Name = Annotated[str, Field(min_length=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Pair = Annotated[list[Quantity], Field(min_length=2, max_length=2)]
-VEHICLES = (*AIRCRAFT, "bomber_rigid")
+VEHICLES = {LONGITUDINAL: (*AIRCRAFT, "bomber_rigid"), LATERAL: ("navion_lateral", "dc8_lateral", "boeing747_lateral")}
+FLOWN = {LONGITUDINAL: tuple(MANEUVERS), LATERAL: tuple(PAIRS)}
 FEWEST, MOST = 2, 12
 
 
@@ -46,6 +49,7 @@ class _Flight(_Strict):
     unrecorded: list[Name] = []
     level: bool = False
     once: Name | None = None
+    axis: str = LONGITUDINAL
 
 
 class _Causes(_Strict):
@@ -117,13 +121,18 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
     DeclarationError : an unknown or missing key, name, unit or value: one line with file and key.
     """
     content = checked(_StandIn, document, where)
+    axis = content.flight.axis
+    _known([axis], tuple(AXES), "axis", f"{where}, key flight.axis")
+    if axis == LATERAL and content.estimate.draws:
+        what = "pseudo-true values are those of the longitudinal axis"
+        raise DeclarationError(what, where=f"{where}, key estimate.draws", remedy="give draws = 0")
     return StandIn(
         name,
         content.title,
         " ".join(content.about.split()),
         _flight(content.flight, f"{where}, key flight"),
-        _causes(content.causes, f"{where}, key causes"),
-        _hidden(content.hidden, f"{where}, key hidden"),
+        _causes(content.causes, axis, f"{where}, key causes"),
+        _hidden(content.hidden, axis, f"{where}, key hidden"),
         _shares(content.estimate.wrong, f"{where}, key estimate.wrong"),
         content.estimate.draws,
         content.seed,
@@ -131,10 +140,10 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
 
 
 def _flight(flight: _Flight, place: str) -> FlightLine:
-    _known(flight.vehicles, VEHICLES, "vehicle", f"{place}.vehicles")
-    _known(flight.maneuvers, tuple(MANEUVERS), "maneuver", f"{place}.maneuvers")
-    _known([flight.once] if flight.once else [], tuple(MANEUVERS), "maneuver", f"{place}.once")
-    _known(flight.unrecorded, OPTIONAL, "further channel", f"{place}.unrecorded")
+    _known(flight.vehicles, VEHICLES[flight.axis], "vehicle", f"{place}.vehicles")
+    _known(flight.maneuvers, FLOWN[flight.axis], "maneuver", f"{place}.maneuvers")
+    _known([flight.once] if flight.once else [], FLOWN[flight.axis], "maneuver", f"{place}.once")
+    _known(flight.unrecorded, AXES[flight.axis].optional, "further channel", f"{place}.unrecorded")
     fewest, most = flight.records
     if not FEWEST <= fewest <= most <= MOST:
         raise DeclarationError(f"{fewest} to {most} records", where=f"{place}.records", remedy=f"give fewest and most, from {FEWEST} to {MOST}")
@@ -157,11 +166,12 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
         tuple(flight.unrecorded),
         flight.level,
         flight.once or "",
+        flight.axis,
     )
 
 
-def _causes(causes: _Causes, place: str) -> Causes:
-    _known(list(causes.noise_std), (*MEASURED, *OPTIONAL), "channel", f"{place}.noise_std")
+def _causes(causes: _Causes, axis: str, place: str) -> Causes:
+    _known(list(causes.noise_std), (*AXES[axis].measured, *AXES[axis].optional), "channel", f"{place}.noise_std")
     levels = causes.model_dump(exclude={"noise_std"})
     for name, unit in CAUSE_UNITS.items():
         levels[name] = si(levels[name], unit, f"{place}.{name}", HERTZ)
@@ -173,8 +183,8 @@ def _causes(causes: _Causes, place: str) -> Causes:
     return Causes(**levels, noise_std={name: positive(value, f"{place}.noise_std.{name}") for name, value in noise.items()})
 
 
-def _hidden(hidden: _Hidden, place: str) -> Hidden:
-    _known(hidden.names, tuple(EFFECTS), "effect that can be hidden here", f"{place}.names")
+def _hidden(hidden: _Hidden, axis: str, place: str) -> Hidden:
+    _known(hidden.names, tuple(OF_AXIS[axis]), "effect that can be hidden here", f"{place}.names")
     if hidden.count > len(hidden.names):
         what = f"{hidden.count} of {len(hidden.names)} names"
         raise DeclarationError(what, where=f"{place}.count", remedy="name as many effects as are hidden, or more")

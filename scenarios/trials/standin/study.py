@@ -71,13 +71,13 @@ def run_standin(standin: StandIn, seed: int | None = None, progress: Progress = 
     flight = fly_standin(standin, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         records, vehicle = write_flight(flight, Path(folder))
-        tracing = diagnosed(records, vehicle, progress)
+        tracing = diagnosed(records, vehicle, flight.drawn.axis.model, progress)
     return scored(standin, chosen, flight, tracing)
 
 
-def diagnosed(records: Sequence[Path], vehicle: Path, progress: Progress = lambda stage, share: None) -> Tracing:
+def diagnosed(records: Sequence[Path], vehicle: Path, model: str, progress: Progress = lambda stage, share: None) -> Tracing:
     """The loop on all records of a flight: the last one predicted, the others fitted together."""
-    return diagnose_files(Request(tuple(records[:-1]), "rigid", vehicle, tuple(records[-1:])), progress)
+    return diagnose_files(Request(tuple(records[:-1]), model, vehicle, tuple(records[-1:])), progress)
 
 
 def scored(standin: StandIn, seed: int, flight: Flight, tracing: Tracing) -> StandInStudy:
@@ -116,4 +116,6 @@ def acts(name: str, causes: Causes) -> bool:
         "elastic-mode": causes.elastic > 0,
         "moment-nonlinearity": causes.moment_curvature > 0,
         "lift-nonlinearity": causes.lift_curvature > 0,
+        "yaw-nonlinearity": causes.moment_curvature > 0,
+        "side-force-nonlinearity": causes.lift_curvature > 0,
     }.get(kind, False)

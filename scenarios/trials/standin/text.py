@@ -7,7 +7,6 @@ import numpy as np
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.terminal.plain_tables import WIDTH, table
 from scenarios.terminal.quantities import value_text
-from scenarios.trials.standin.declaration import MEASURED
 from scenarios.trials.standin.fitting import declared_model, left_over
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn
 from scenarios.trials.standin.flights.flight import Flight
@@ -29,8 +28,8 @@ def flight_lines(flight: Flight) -> list[str]:
     """What flew, how it was recorded, and what a fit of each record leaves."""
     drawn = flight.drawn
     rest = left_over(flight.records, declared_model(drawn.declared, drawn.starts), drawn.standin.causes.noise_std)
-    correlation = ", ".join(f"{name} {value:.2f}" for name, value in zip(MEASURED, rest["correlation"], strict=True))
-    excess = ", ".join(f"{name} {value:.1f}" for name, value in zip(MEASURED, rest["excess"], strict=True))
+    correlation = ", ".join(f"{name} {value:.2f}" for name, value in zip(drawn.axis.measured, rest["correlation"], strict=True))
+    excess = ", ".join(f"{name} {value:.1f}" for name, value in zip(drawn.axis.measured, rest["excess"], strict=True))
     return [
         f"{drawn.vehicle}, {len(flight.records)} records of {drawn.standin.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
         f"channels {', '.join(drawn.channels)}",

@@ -34,7 +34,7 @@ def test_simulate_writes_all_records_of_the_flight(flightid: CommandLine, tmp_pa
 def test_run_writes_a_study(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
 
-    def answer(records: list[Path], vehicle: Path, progress: object) -> object:
+    def answer(records: list[Path], vehicle: Path, model: str, progress: object) -> object:
         seen.append(len(records))
         assert vehicle.is_file() and all(path.is_file() for path in records)
         return tracing_of(Verdict.PARTIAL)
@@ -51,7 +51,7 @@ def test_run_writes_a_study(flightid: CommandLine, tmp_path: Path, monkeypatch: 
 
 
 def test_campaign_prints_shares_with_intervals(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.CONSISTENT))
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.CONSISTENT))
     said = flightid.done("campaign", "standin-none", "--runs", "2", "--out", str(tmp_path / "c"), "--set", "estimate.draws=0", *SHORT)
     assert "flights with a claim that nothing true stands behind" in said and "0 of 2" in said
     content = json.loads((tmp_path / "c" / "campaign.json").read_text())

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from scenarios.trials.aircraft import AIRCRAFT, USUAL
 from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
 from scenarios.trials.hidden.curved_loads import CurvedLoads
+from scenarios.trials.standin.axes import AXES, Axis
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, StandIn
 from scenarios.trials.standin.flights.aircraft import LongitudinalFlight
 from scenarios.trials.standin.flights.maneuvers import Table, maneuver
@@ -49,7 +50,8 @@ class Drawn:
     Attributes
     ----------
     declared : the short period with the true constants and derivatives; nothing else. model : with all that stays for the flight.
-    maneuvers : one a record; kinds : what they are. corners : of the filters by channel, Hz, the elevator's among them; empty without.
+    maneuvers : of the first input, one a record; others : those of further inputs, by name; kinds : what they are.
+    corners : of the filters by channel, Hz, the inputs' among them; empty without.
     channels : recorded outputs. starts : what the loop is told of the derivatives. hidden : what dominates.
     """
 
@@ -64,6 +66,16 @@ class Drawn:
     corners: Mapping[str, float]
     starts: Mapping[str, float]
     hidden: tuple[Dominant, ...] = ()
+    others: Mapping[str, tuple[Table, ...]] = field(default_factory=dict)
+
+    @property
+    def axis(self) -> Axis:
+        """What the axis of the flight stands for."""
+        return AXES[self.standin.flight.axis]
+
+    def moves(self, name: str) -> tuple[Table, ...]:
+        """The maneuvers of one input, one a record."""
+        return self.maneuvers if name == self.axis.inputs[0] else self.others[name]
 
 
 def draw(standin: StandIn, rng: np.random.Generator) -> Drawn:
@@ -73,7 +85,7 @@ def draw(standin: StandIn, rng: np.random.Generator) -> Drawn:
     declared = drawn_vehicle(name, flight.variation, rng)
     values = {item.name: item.value for item in declared.parameters}
     count = int(rng.integers(flight.records[0], flight.records[1] + 1))
-    kinds = _dealt(flight.maneuvers, count, rng)
+    kinds = dealt(flight.maneuvers, count, rng)
     if flight.once:
         kinds = _with_one(kinds, flight.once, int(rng.integers(count)))
     unit = float(np.clip(1.6 / short_period(declared), 0.2, 1.2))
@@ -158,7 +170,7 @@ def _corners(causes: Causes, channels: tuple[str, ...], rng: np.random.Generator
     }
 
 
-def _dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple[str, ...]:
+def dealt(kinds: tuple[str, ...], count: int, rng: np.random.Generator) -> tuple[str, ...]:
     """So many kinds in random order, none twice before all were there."""
     dealt: list[str] = []
     while len(dealt) < count:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scenarios.trials.standin.declaration import StandIn
+from scenarios.trials.standin.declaration import LATERAL, StandIn
 from scenarios.trials.standin.flights.dominant import draw_dominant
 from scenarios.trials.standin.flights.drawing import Drawn, draw
 from scenarios.trials.standin.flights.flying import FlownRecord, fly_drawn
+from scenarios.trials.standin.flights.lateral.drawing import draw_lateral
 from sim.errors import DeclarationError
 from sim.record import Record
-from sim.vehicles.factory import RIGID_CONSTANTS
 
 AIRCRAFT_TRIED = 5  # of the declared sizes one in thirty aircraft shows none
 
@@ -44,17 +44,18 @@ def fly_standin(standin: StandIn, seed: int) -> Flight:
 
 def _with_dominant(standin: StandIn, plan: np.random.Generator, dominant: np.random.Generator) -> Drawn:
     """A flight with what dominates; an aircraft on which no declared size makes a difference is drawn anew."""
+    drawn = draw_lateral if standin.flight.axis == LATERAL else draw
     for _ in range(AIRCRAFT_TRIED - 1 if standin.hidden.sizes else 0):
         try:
-            return draw_dominant(draw(standin, plan), dominant)
+            return draw_dominant(drawn(standin, plan), dominant)
         except DeclarationError:
             continue
-    return draw_dominant(draw(standin, plan), dominant)
+    return draw_dominant(drawn(standin, plan), dominant)
 
 
 def vehicle_text(drawn: Drawn) -> str:
     """The vehicle file that the loop is given: true nominal constants, derivatives that are off."""
-    lines = [f'name = "{drawn.vehicle}"', *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in RIGID_CONSTANTS)]
+    lines = [f'name = "{drawn.vehicle}"', *(f"{name} = {drawn.declared.parameters[name].value!r}" for name in drawn.axis.constants)]
     return "\n".join([*lines, "[derivatives]", *(f"{name} = {float(value)!r}" for name, value in drawn.starts.items())]) + "\n"
 
 

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.trials.hidden.anti_alias_filter import AntiAliasFilter
+from scenarios.trials.standin.declaration import LATERAL
 from scenarios.trials.standin.flights.drawing import ELEVATOR, SPEED, Dominant, Drawn, with_term
+from scenarios.trials.standin.flights.lateral.flying import fly_lateral
 from scenarios.trials.standin.flights.level import speed_rate, steered
 from scenarios.trials.standin.flights.maneuvers import CELL, Table
+from scenarios.trials.standin.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.maneuvers.steps import Maneuver
-from sim.propagation.grid import make_grid
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
 from sim.truth.many_flights import fly_side_by_side
@@ -34,11 +35,6 @@ class FlownRecord:
     constants: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class _Corner:
-    corner: float
-
-
 def fly_drawn(
     drawn: Drawn, rng: np.random.Generator, *, noise: bool = True, step: float | None = None, count: int | None = None
 ) -> tuple[FlownRecord, ...]:
@@ -47,6 +43,9 @@ def fly_drawn(
     ``noise`` False leaves out the sensors' noise (the elevator's stays: it is one of the small causes); ``step`` in s, else the declared one.
     """
     own = rng.spawn(len(drawn.maneuvers))[:count]
+    if drawn.standin.flight.axis == LATERAL:
+        dt = step or drawn.standin.flight.step
+        return tuple(FlownRecord(*fly_lateral(drawn, number, generator, noise, dt)) for number, generator in enumerate(own))
     return tuple(_fly(drawn, number, generator, noise, step or drawn.standin.flight.step) for number, generator in enumerate(own))
 
 
@@ -76,7 +75,7 @@ def _fly(drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step:
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, causes.noise_time) if causes.noise_time else {})
     name = f"record_{number + 1}"
     record, _ = fly(model, moves, time, sensor_seed, measurement=sensors, step=step, outputs=drawn.channels, name=name)
-    elevator = _recorded(drawn, time, step, elevator_moves) + found.zero + found.noise
+    elevator = recorded(drawn, ELEVATOR, time, step, elevator_moves) + found.zero + found.noise
     levels = _levels(drawn, found)
     outputs = tuple(Channel.of(c.name, c.unit, c.values + levels[c.name]) if c.name in levels else c for c in record.outputs)
     return FlownRecord(replace(record, inputs=(Channel.of(ELEVATOR, "rad", elevator),), outputs=outputs, hold=Hold.LINEAR), found.constants)
@@ -103,7 +102,7 @@ def _fly_some(drawn: Drawn, generators: Sequence[np.random.Generator], channels:
     spawned = [generator.spawn(len(drawn.maneuvers)) for generator in generators]
     drawings = [[_conditions(drawn, number, own[number], len(time)) for number in numbers] for own in spawned]
     steering = {number: steered(drawn, number) for number in numbers}
-    elevators = {number: _recorded(drawn, time, step, steering[number]) for number in numbers}
+    elevators = {number: recorded(drawn, ELEVATOR, time, step, steering[number]) for number in numbers}
     records: list[list[Any]] = [[None] * len(numbers) for _ in generators]
     for names in dict.fromkeys(tuple(term.name for term in found.terms) for found, _ in drawings[0]):
         places = [(d, r) for d, row in enumerate(drawings) for r, (found, _) in enumerate(row) if tuple(term.name for term in found.terms) == names]
@@ -182,13 +181,3 @@ def _gusts(drawn: Drawn, airspeed: float, rng: np.random.Generator) -> Table:
     flight, causes = drawn.standin.flight, drawn.standin.causes
     times = CELL * np.arange(int(flight.duration / CELL) + 2)
     return Table(dryden_gust(rng, times, causes.turbulence, causes.turbulence_length, airspeed), CELL)
-
-
-def _recorded(drawn: Drawn, time: np.ndarray, step: float, maneuver: Table) -> np.ndarray:
-    """The elevator as its own filtered channel shows it."""
-    if not drawn.corners:
-        return maneuver(time)
-    grid = make_grid(time, step)
-    begin, end = maneuver(grid.edges), maneuver.before(grid.edges[1:])
-    filtered, _ = AntiAliasFilter(ELEVATOR).act(grid.steps, begin, end, _Corner(drawn.corners[ELEVATOR]))
-    return np.asarray(filtered)[grid.sample]

@@ -71,10 +71,10 @@ def maneuver(kind: str, rng: np.random.Generator, amplitude: float, unit: float,
     """
     if kind not in KINDS:
         raise DeclarationError(f"there is no maneuver {kind!r}", where="key flight.maneuvers", remedy=f"use {', '.join(KINDS)}")
-    return _carried_out(KINDS[kind](rng, amplitude, unit, duration), surface, duration)
+    return carried_out(KINDS[kind](rng, amplitude, unit, duration), surface, duration)
 
 
-def _carried_out(commanded: Maneuver, surface: float, duration: float) -> Table:
+def carried_out(commanded: Maneuver, surface: float, duration: float) -> Table:
     """What a well damped servo of frequency ``surface`` makes of a command: two equal lags."""
     from sim.maths.elementary import linear_recurrence
 
@@ -93,6 +93,12 @@ def _steps(rng: np.random.Generator, amplitude: float, unit: float, duration: fl
 def _doublets(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
     sign, start = _sign(rng), rng.uniform(1.0, 2.0)
     return Sum((doublet(sign * amplitude, 1.8 * unit, start), doublet(-0.7 * sign * amplitude, unit, start + rng.uniform(8.0, 11.0))))
+
+
+def _two_doublets(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
+    """A slow doublet and a quick one, within half of a record."""
+    sign, begin = _sign(rng), rng.uniform(1.0, 2.0)
+    return Sum((doublet(sign * amplitude, 1.9 * unit, begin), doublet(-0.7 * sign * amplitude, 1.1 * unit, begin + 0.55 * duration)))
 
 
 def _multisine(rng: np.random.Generator, amplitude: float, unit: float, duration: float) -> Maneuver:
@@ -141,6 +147,7 @@ def _sign(rng: np.random.Generator) -> float:
 KINDS: Mapping[str, Draw] = {
     "3-2-1-1": _steps,
     "doublets": _doublets,
+    "two-doublets": _two_doublets,
     "multisine": _multisine,
     "hand-flown": _hand_flown,
     "two": _two,

@@ -12,10 +12,11 @@ import pytest
 from scenarios.studies.catalogue import load_document, scenario_names
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Causes, Hidden
 from scenarios.trials.standin.fitting import declared_model, left_over, misfit
-from scenarios.trials.standin.flights.dominant import KINDS, LEAST, group, sized
+from scenarios.trials.standin.flights.dominant import LEAST, group, sized
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn, draw, hiding
 from scenarios.trials.standin.flights.flight import fly_standin, write_flight
 from scenarios.trials.standin.flights.flying import fly_drawn
+from scenarios.trials.standin.flights.kinds import KINDS
 from scenarios.trials.standin.schema import standin_of
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
@@ -24,7 +25,8 @@ from sim.record import Hold, Record
 from sim.truth.flight import fly, sample_times
 from tests.standins import ALL_CHANNELS, CALM, EVERY, short
 
-NAMES = scenario_names("standin")
+LATERAL = ("standin-lateral", "standin-lateral-none")
+NAMES = tuple(name for name in scenario_names("standin") if name not in LATERAL)
 
 
 def drawn(causes: Causes = CALM, **changes: Any) -> Drawn:

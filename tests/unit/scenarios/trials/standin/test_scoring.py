@@ -151,7 +151,7 @@ def test_flights_are_counted_by_clopper_and_pearson_and_what_one_flight_says_tog
 def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from scenarios.trials.standin.campaign_text import write_campaign
 
-    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.PARTIAL))
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
     judged = fly_standin_campaign(replace(short(EVERY, step=0.02), draws=2), 2, 7)
     assert [flown.seed for flown in judged] == [7, 8]
     assert all(set(flown.errors) == set(RIGID.derivatives) for flown in judged)
@@ -166,7 +166,7 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_campaign_shared_out_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.PARTIAL))
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
     flown, told = replace(short(EVERY, step=0.02), draws=0), []
     shared_out = fly_standin_campaign(flown, 3, 7, lambda stage, share: told.append(share), workers=2)
     assert shared_out == fly_standin_campaign(flown, 3, 7)
@@ -174,7 +174,7 @@ def test_a_campaign_shared_out_gives_the_same(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_without_draws_there_are_no_pseudo_true_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, progress: tracing_of(Verdict.CONSISTENT))
+    monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.CONSISTENT))
     assert campaign.judge_flight(replace(short(step=0.02), draws=0), 3).errors == {}
 
 

@@ -12,9 +12,10 @@ import pytest
 from scenarios.studies.catalogue import load_document
 from scenarios.trials.standin.declaration import MEASURED, OPTIONAL, Hidden, StandIn
 from scenarios.trials.standin.flights import flight
-from scenarios.trials.standin.flights.dominant import KINDS, LEAST, draw_dominant, group
+from scenarios.trials.standin.flights.dominant import LEAST, draw_dominant, group
 from scenarios.trials.standin.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from scenarios.trials.standin.flights.flying import fly_drawn, fly_draws
+from scenarios.trials.standin.flights.kinds import KINDS
 from scenarios.trials.standin.flights.level import level_elevator, steered
 from scenarios.trials.standin.flights.maneuvers import maneuver
 from scenarios.trials.standin.flights.sizes import SIZES, values_at

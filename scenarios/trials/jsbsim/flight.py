@@ -1,0 +1,128 @@
+"""A flight by JSBSim from its declaration: rehearsed for the size and the truth, flown, spoiled, sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenarios.trials.jsbsim.declaration import CONTROLS, INPUTS, MODELS, OUTPUTS, JsbsimFlight
+from scenarios.trials.jsbsim.derivatives import Slopes, constants_of, slopes_of
+from scenarios.trials.jsbsim.faults import spoiled
+from scenarios.trials.jsbsim.machine import FRAMES, Condition, Flown, fly
+from scenarios.trials.jsbsim.maneuvers import commands, rehearsal
+from sim.record import Channel, Hold, Record
+
+REHEARSAL = 12.0  # s
+ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
+FIRST, MOST = math.radians(1.0), math.radians(20.0)  # of a surface
+LEVER = 0.12  # of the throttle's travel
+SMALL, MOVED = 0.1, 0.7  # of the maneuver, for slopes about trim; of the deflection asked for, what a surface has to carry out
+UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
+# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back to level.
+HELD, SLOWLY = 1.0, 0.3
+# How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough for models about trim (twice as far,
+# the speed that is lost in banks of 20 degrees and the square of the drag stand out of the noise).
+PEAKS: Mapping[str, Mapping[str, float]] = {
+    "elevator": {"alpha": math.radians(2.0), "q": math.radians(8.0)},
+    "rudder": {"beta": math.radians(2.5), "p": math.radians(8.0)},
+    "aileron": {"p": math.radians(10.0), "phi": math.radians(10.0), "beta": math.radians(2.5)},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class JsbsimTruth:
+    """What is true of a flight: by model constants, slopes about trim, and the nearest straight lines over the maneuver as it was flown.
+
+    ``sizes`` : peak of each surface, rad, and of the throttle, parts of its travel.
+    """
+
+    constants: Mapping[str, Mapping[str, float]]
+    about_trim: Mapping[str, Slopes]
+    in_maneuver: Mapping[str, Slopes]
+    sizes: Mapping[str, float]
+
+
+def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
+    """The record and its truth; the same seed gives the same numbers.
+
+    Raises
+    ------
+    DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or loses it in the maneuver.
+    """
+    frames = math.ceil(FRAMES / flight.rate)  # of one sample
+    calm = Condition(flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed)
+    units = units_of(calm)
+    sizes = {control: _sized(calm, control, units[control]) if control in PEAKS else LEVER for control in CONTROLS[flight.axis]}
+    time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
+    wanted = {control: flight.size * size for control, size in sizes.items()}
+    leveller = SLOWLY if "aileron" in wanted else HELD
+    flown = fly(replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller)
+    small = _small_motion(calm, flight, sizes, units, time)
+    models = MODELS[flight.axis]
+    truth = JsbsimTruth(
+        {model: constants_of(model, small) for model in models},
+        {model: slopes_of(model, small) for model in models},
+        {model: slopes_of(model, small, flown) for model in models},
+        wanted,
+    )
+    return _recorded(flight, flown, frames, np.random.default_rng(seed)), truth
+
+
+def units_of(calm: Condition) -> dict[str, float]:
+    """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites, told by a small motion."""
+    time = calm.step * np.arange(round(REHEARSAL / calm.step))
+    pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
+    yawing = fly(calm, rehearsal("rudder", FIRST, 0.5, time), SLOWLY)
+    pitch = _frequency(pitching, "moment_m", ("alpha", "q", "elevator"), pitching.body.pitch_inertia)
+    yaw = _frequency(yawing, "moment_n", ("beta", "r", "p", "rudder"), yawing.body.yaw_inertia)
+    step = {"elevator": 1.6 / pitch, "rudder": 1.6 / yaw, "aileron": 1.0 / yaw}
+    return {control: float(np.clip(unit, *UNITS)) for control, unit in step.items()} | {"throttle": 1.0}
+
+
+def _frequency(flown: Flown, moment: str, by: tuple[str, ...], inertia: float) -> float:
+    """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the signals."""
+    matrix = np.stack([np.ones(len(flown["time"])), *(flown[name] - flown[name][0] for name in by if name in flown.signals)], axis=1)
+    stiffness = float(np.linalg.lstsq(matrix, flown[moment], rcond=None)[0][1]) / inertia
+    return math.sqrt(max(abs(stiffness), 0.25))
+
+
+def _sized(calm: Condition, control: str, unit: float) -> float:
+    """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
+    time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
+    for _ in range(ROUNDS):
+        flown = fly(calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY)
+        reached = max(float(np.max(np.abs(flown[name] - flown[name][0]))) / peak for name, peak in PEAKS[control].items())
+        if abs(reached - 1.0) < NEAR:
+            break
+        size = min(MOST, size * float(np.clip(1.0 / reached, 0.25, 4.0)))
+    return size
+
+
+def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray) -> Flown:
+    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage swallows it."""
+    share = SMALL
+    while True:
+        wanted = commands(replace(flight, maneuver="3-2-1-1"), {control: share * size for control, size in sizes.items()}, units, time)
+        flown = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
+        done = [np.ptp(flown[name]) / np.ptp(values) for name, values in wanted.items() if name in flown.signals]
+        if min(done) > MOVED or share >= 1.0:
+            return flown
+        share = min(1.0, 2.0 * share)
+
+
+def _recorded(flight: JsbsimFlight, flown: Flown, frames: int, rng: np.random.Generator) -> Record:
+    """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
+    signals = dict(flown.signals)
+    signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
+    shown = spoiled(signals, flight)
+    rows = slice(None, None, frames)
+    outputs = []
+    for name, unit in OUTPUTS.items():
+        sigma = flight.noise * flight.noise_std.get(name, 0.0)
+        outputs.append(Channel.of(name, unit, shown[name][rows] + sigma * rng.standard_normal(len(shown[name][rows]))))
+    inputs = tuple(Channel.of(name, unit, shown[name][rows]) for name, unit in INPUTS.items() if name in shown)
+    time = np.arange(len(shown["time"][rows])) / flight.rate
+    return Record(time, inputs, tuple(outputs), Hold.LINEAR, f"{flight.aircraft}_{flight.axis}")

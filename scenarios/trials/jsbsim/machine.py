@@ -1,0 +1,244 @@
+"""JSBSim itself: load, trim, fly commands step by step; the only file that imports it, and only when a flight is flown."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from scenarios.trials.jsbsim.aircraft import FOOT, KNOT, NEEDS, Surface, package_folder, surfaces_of
+from sim.errors import DeclarationError
+
+SLUG = 14.59390293720636  # kg
+POUND, INERTIA = SLUG * FOOT, SLUG * FOOT**2  # N in a pound force, kg m2 in a slug ft2
+FRAMES = 400.0  # Hz at least
+ADAMS_BASHFORTH = 3  # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a step late
+MILSPEC, WIND_AT_20_FT = 3, 25.0  # JSBSim's Dryden turbulence after MIL-F-8785C; ft/s
+ENGINES, THROTTLE, MIXTURE = 4, 0.6, 0.87
+AT_REST = 0.02  # ft/s2 and rad/s2
+MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
+# The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
+BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
+# The pilot who holds the pitch attitude while another control is moved: elevator (rad) per rad and per rad/s.
+PITCH_GAIN, PITCHING_GAIN = 0.3, 0.15
+PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
+PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
+
+# What is read after each step, with its SI factor. The total body forces hold neither weight nor anything of the sensors.
+READ: Mapping[str, tuple[str, float]] = {
+    **{"airspeed": ("velocities/vt-fps", FOOT), "alpha": ("aero/alpha-rad", 1.0), "beta": ("aero/beta-rad", 1.0)},
+    **{name: (f"velocities/{name}-rad_sec", 1.0) for name in "pqr"},
+    **{name: (f"attitude/{name}-rad", 1.0) for name in ("phi", "theta", "psi")},
+    **{f"force_{axis}": (f"forces/fb{axis}-total-lbs", POUND) for axis in "xyz"},
+    **{f"moment_{axis}": (f"moments/{axis}-total-lbsft", POUND * FOOT) for axis in "lmn"},
+    **{"thrust": ("forces/fbx-prop-lbs", POUND), "thrust_moment": ("moments/m-prop-lbsft", POUND * FOOT)},
+    **{"height": ("position/h-sl-ft", FOOT), "mass": ("inertia/mass-slugs", SLUG), "air_density": ("atmosphere/rho-slugs_ft3", SLUG / FOOT**3)},
+}
+
+
+@dataclass(frozen=True)
+class Body:
+    """Geometry and inertia as JSBSim has them, SI; ``cross_inertia`` is the integral of x z dm: the property has the other sign."""
+
+    mass: float
+    wing_area: float
+    span: float
+    chord: float
+    roll_inertia: float
+    pitch_inertia: float
+    yaw_inertia: float
+    cross_inertia: float
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """Signals at every frame by name: those of ``READ``, the surfaces (rad), ``time``; the last dimension is time."""
+
+    signals: Mapping[str, np.ndarray]
+    body: Body
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.signals[name]
+
+
+@dataclass(frozen=True)
+class Condition:
+    """An aircraft in level flight: altitude (m), true airspeed (m/s), step of a frame (s), and the air: class of exceedance and its seed."""
+
+    aircraft: str
+    altitude: float
+    airspeed: float
+    step: float
+    rough_air: int = 0
+    air_seed: int = 1
+
+
+def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float) -> Flown:
+    """Fly from trim; every autopilot off, fuel frozen, and a pilot who puts the surfaces where they are wanted.
+
+    Parameters
+    ----------
+    wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel; one value a frame.
+    leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
+
+    Raises
+    ------
+    DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes astray.
+    """
+    surfaces = surfaces_of(condition.aircraft)
+    machine = trimmed(condition)
+    hands = _hands(condition, surfaces)
+    for name in wanted:
+        if name not in (*hands, "throttle"):
+            what = f"{condition.aircraft} has no {name} that its command moves and its air loads read"
+            raise DeclarationError(what, where="key aircraft", remedy="give another aircraft, or an axis that does without")
+    names = [*(surface.property for surface in surfaces.values()), *(name for name, _ in READ.values())]
+    seen = np.empty((len(names), len(next(iter(wanted.values())))))
+    pilot = _Pilot(machine, hands, condition.step, leveller)
+    for k in range(seen.shape[1]):
+        pilot.steer({name: float(values[k]) for name, values in wanted.items()})
+        machine.run()
+        seen[:, k] = [machine[name] for name in names]
+    factors = [*(surface.scale for surface in surfaces.values()), *(factor for _, factor in READ.values())]
+    signals = dict(zip((*surfaces, *READ), seen * np.array(factors)[:, None], strict=True))
+    signals["psi"] = np.unwrap(signals["psi"]) - 2.0 * math.pi * round(float(signals["psi"][0]) / (2.0 * math.pi))
+    _refuse_astray(condition, signals)
+    return Flown({"time": condition.step * np.arange(seen.shape[1]), **signals}, _body(machine))
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A surface in the pilot's hand: its property with its scale to radians, and the radians that full command is worth."""
+
+    surface: Surface
+    reach: float
+
+
+@functools.cache
+def _reaches(condition: Condition) -> Mapping[str, float]:
+    """By surface the radians that full command is worth, told by a small step of each from trim."""
+    machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
+    neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
+    for name in surfaces:
+        machine[f"fcs/{name}-cmd-norm"] += PROBE
+    moved = dict.fromkeys(surfaces, 0.0)
+    for _ in range(round(PROBED / condition.step)):
+        machine.run()
+        for name, surface in surfaces.items():
+            moved[name] = max(moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs)
+    return {name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE}
+
+
+def _hands(condition: Condition, surfaces: Mapping[str, Surface]) -> dict[str, Hand]:
+    reaches = _reaches(replace(condition, rough_air=0, air_seed=0))
+    return {name: Hand(surfaces[name], reach) for name, reach in reaches.items()}
+
+
+class _Pilot:
+    """Commands by which surfaces go where they are wanted, through play, dampers and unequal travel: in proportion, and until nothing is left."""
+
+    def __init__(self, machine: Any, hands: Mapping[str, Hand], step: float, leveller: float) -> None:
+        self._machine, self._hands, self._share, self._leveller = machine, hands, PATIENCE * step, leveller
+        self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
+        self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
+        self._attitude = machine["attitude/theta-rad"]
+
+    def steer(self, wanted: Mapping[str, float]) -> None:
+        """Set the commands of the next frame."""
+        machine = self._machine
+        for name, hand in self._hands.items():
+            change = wanted.get(name, 0.0)
+            if name == "elevator" and name not in wanted:
+                raised = machine["attitude/theta-rad"] - self._attitude
+                change = math.copysign(1.0, hand.reach) * (PITCH_GAIN * raised + PITCHING_GAIN * machine["velocities/q-rad_sec"])
+            if name == "aileron":
+                roll = BANK_GAIN * machine["attitude/phi-rad"] + ROLL_GAIN * machine["velocities/p-rad_sec"]
+                change -= math.copysign(self._leveller, hand.reach) * min(MOST_AILERON, max(-MOST_AILERON, roll))
+            left = change - hand.surface.scale * (machine[hand.surface.property] - self._neutral[name])
+            self._at[name] += self._share * left / hand.reach
+            machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
+        if "throttle" in wanted:
+            for engine in range(ENGINES):
+                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, self._at["throttle"] + wanted["throttle"]))
+
+
+def trimmed(condition: Condition) -> Any:
+    """The simulator with the aircraft in level unaccelerated flight, gear up, engines running; DeclarationError where it is not."""
+    folder = package_folder()
+    os.environ.setdefault("JSBSIM_DEBUG", "0")
+    package = importlib.import_module("jsbsim")
+    try:
+        with _silence():
+            machine = package.FGFDMExec(str(folder))
+            machine.set_debug_level(0)
+            for name in NEEDS.get(condition.aircraft, ()):
+                machine[name] = 0.0
+            _load_and_trim(machine, condition)
+        rest = [machine[f"accelerations/{name}"] for name in ("udot-ft_sec2", "vdot-ft_sec2", "wdot-ft_sec2", "qdot-rad_sec2")]
+    except (KeyError, RuntimeError, package.BaseError) as error:
+        raise _no_trim(condition, " ".join(str(error).split())) from None
+    if not max(map(abs, rest)) < AT_REST:
+        raise _no_trim(condition, "accelerations are left")
+    if condition.rough_air:
+        machine["simulation/randomseed"] = machine["atmosphere/randomseed"] = condition.air_seed
+        machine["atmosphere/turb-type"] = MILSPEC
+        machine["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = WIND_AT_20_FT
+        machine["atmosphere/turbulence/milspec/severity"] = condition.rough_air
+    return machine
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older versions."""
+    kept = [os.dup(number) for number in (1, 2)]
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+        for number in (1, 2):
+            os.dup2(nowhere.fileno(), number)
+        try:
+            yield
+        finally:
+            ctypes.CDLL(None).fflush(None)  # what still waits in the buffers of C
+            for number, old in zip((1, 2), kept, strict=True):
+                os.dup2(old, number)
+                os.close(old)
+
+
+def _load_and_trim(machine: Any, condition: Condition) -> None:
+    machine.load_model(condition.aircraft)
+    machine.set_dt(condition.step)
+    machine["ic/h-sl-ft"], machine["ic/vt-kts"], machine["ic/gamma-deg"] = condition.altitude / FOOT, condition.airspeed / KNOT, 0.0
+    machine["gear/gear-cmd-norm"] = machine["gear/gear-pos-norm"] = 0.0
+    machine.run_ic()
+    machine["simulation/integrator/rate/rotational"] = machine["simulation/integrator/position/rotational"] = ADAMS_BASHFORTH
+    machine["propulsion/fuel_freeze"] = 1
+    machine["propulsion/set-running"] = -1
+    for engine in range(ENGINES):
+        machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = THROTTLE, MIXTURE
+    machine.do_trim(1)
+
+
+def _no_trim(condition: Condition, why: str) -> DeclarationError:
+    what = f"{condition.aircraft} does not trim at {condition.altitude:.0f} m and {condition.airspeed:.0f} m/s true ({why})"
+    return DeclarationError(what, where="keys altitude and airspeed", remedy="give another altitude or airspeed, or another aircraft")
+
+
+def _refuse_astray(condition: Condition, signals: Mapping[str, np.ndarray]) -> None:
+    finite = all(np.all(np.isfinite(values)) for values in signals.values())
+    if not finite or np.max(np.abs(signals["phi"])) > MOST_BANK or np.max(np.abs(signals["theta"])) > MOST_PITCH:
+        what = f"{condition.aircraft} goes astray in this maneuver"
+        raise DeclarationError(what, where="key size", remedy="give a smaller size or a shorter duration")
+
+
+def _body(machine: Any) -> Body:
+    inertia = {axis: machine[f"inertia/i{axis}-slugs_ft2"] * INERTIA for axis in ("xx", "yy", "zz", "xz")}
+    size = [machine[f"metrics/{name}"] for name in ("Sw-sqft", "bw-ft", "cbarw-ft")]
+    mass = machine["inertia/mass-slugs"] * SLUG
+    return Body(mass, size[0] * FOOT**2, size[1] * FOOT, size[2] * FOOT, inertia["xx"], inertia["yy"], inertia["zz"], -inertia["xz"])

@@ -1,0 +1,1 @@
+"""How a stand-in of the lateral axis flies."""
