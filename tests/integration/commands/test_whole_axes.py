@@ -105,8 +105,6 @@ def test_files_and_methods_that_do_not_fit(flightid: CommandLine, tmp_path: Path
     wrong = flightid.refused("identify", paths["lateral"], "--model", "lateral", "--vehicle", longitudinal / "vehicle.toml")
     assert "vehicle.toml, key derivatives.CD_0: there is no such key" in wrong
     assert "vehicle.toml, key derivatives.CY_beta: there is no such key" in flightid.refused("diagnose", paths["lateral"], "--model", "rigid")
-    unscented = ("identify", paths["longitudinal"], "--model", "longitudinal", "--vehicle", longitudinal / "vehicle.toml", "--method", "ukf")
-    assert flightid.refused(*unscented).startswith("--method: an unscented filter of totals is biased")
     (lateral / "vehicle.toml").write_text((lateral / "vehicle.toml").read_text().split("[derivatives]")[0] + "[derivatives]\n")
     assert "no derivative is given; give where the search starts" in flightid.refused("diagnose", paths["lateral"], "--model", "lateral")
 
