@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from ident.filters.ukf import run_ukf
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model
 from sim.propagation.grid import make_grid
+from sim.record import Hold, Record
 from tests.linear_problem import matrices, oscillator, record_of
 from tests.oracles.kalman import kalman, rts
 from tests.rigid_problem import ballistic_record, ballistic_start, rigid_record, rigid_start
@@ -69,6 +72,21 @@ def test_a_later_pass_that_breaks_down_leaves_the_first() -> None:
     assert once.outcome is Outcome.MAX_ITERATIONS
     hopeless = run_iterated_ukf(record, compile_model(ballistic_start(-1e-6), online=True))
     assert hopeless.outcome is not Outcome.CONVERGED and np.all(np.isfinite(hopeless.values))
+
+
+def test_the_zeros_of_all_sensors_may_be_open() -> None:
+    """Totals of a whole longitudinal motion, every third sample: the plain filter's points reach over the priors of all zeros together."""
+    record = flown("longitudinal", 5)
+    thin = Record(
+        record.time[::3],
+        *(tuple(replace(c, values=c.values[::3], valid=c.valid[::3]) for c in group) for group in (record.inputs, record.outputs)),
+        hold=Hold.LINEAR,
+        name=record.name,
+    )
+    found = identify(thin, vehicle_file("longitudinal", 0.8), "ukf")
+    assert found.estimate.outcome is Outcome.CONVERGED
+    off = {row.name: (row.estimate - TRUE["longitudinal"][row.name]) / row.std for row in found.rows if row.name in TRUE["longitudinal"]}
+    assert len(off) == 9 and max(map(abs, off.values())) < 3.5, off
 
 
 @pytest.mark.slow

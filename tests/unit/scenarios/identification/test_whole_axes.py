@@ -18,7 +18,7 @@ OFFSETS = {
 }
 
 
-DEAR = (("longitudinal", "filter-error"),)  # a fit of many seconds; the lateral one stays in the default suite
+DEAR = (("longitudinal", "filter-error"), ("longitudinal", "ukf"))  # fits of many seconds; the lateral ones stay in the default suite
 
 
 def sigmas_off(found: Identification) -> dict[str, float]:
