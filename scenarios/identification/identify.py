@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
@@ -58,7 +59,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         from scenarios.identification.low_order import identify_loes
 
         found = identify_loes(record, vehicle)
-        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows))
+        modes = characteristics(compile_model(model_of_file(vehicle)), found.estimate)
+        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), modes=modes)
     model = model or model_of_file(vehicle)
     own, said = vehicle.own is not None, ""
     if not own and not uses_attitude(vehicle, method):
@@ -73,7 +75,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
-    derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
+    flown = _of_parameters(estimate, system.parameters)
+    derived = modal_estimate(system, flown, slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return Identification(
@@ -89,6 +92,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         tuple(others),
         notes=tuple(note for note in (said, estimate.message) if note),
         cautions=cautions_of(vehicle, estimate, rows),
+        modes=characteristics(system, flown, slow) if airborne else None,
     )
 
 

@@ -14,6 +14,7 @@ from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.terminal.flying_qualities import levels_content
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
@@ -29,6 +30,7 @@ def comparison(study: Study) -> dict[str, Any]:
         "seed": study.seed,
         "distance": study.scenario.distance,
         **method_content(study.main),
+        **({"flying_qualities": levels_content(study.main.levels, study.scenario.flown)} if study.scenario.flown is not None else {}),
         "notes": list(study.notes),
         "versions": versions(),
     }
