@@ -109,7 +109,8 @@ def _moved(problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, firs
     system, n_x, points = problem.system, len(problem.system.states), cloud.points
     noise = np.zeros_like(cloud.back)
     for s in range(first, last):
-        t, dt, u = float(problem.grid.edges[s]), float(problem.grid.steps[s]), [[float(row[s]) for row in stage] for stage in problem.drive.stages]
+        t, dt = float(problem.grid.edges[s]), float(problem.grid.steps[s])
+        u: Any = tuple([float(row[s]) for row in stage] for stage in problem.drive.stages)
         if np.any(problem.density):
             F = np.zeros_like(noise)
             at = points[0].tolist()
@@ -117,7 +118,7 @@ def _moved(problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, firs
             Phi, added = settings.transition(F, problem.density, dt)
             noise = Phi @ noise @ Phi.T + added
         columns = list(points.T)
-        rows = settings.step(system.f, t, columns[:n_x], tuple(u), with_free(problem.p, problem.free, columns[n_x:]), dt)
+        rows = settings.step(system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt)
         points = np.array([*(np.broadcast_to(row, len(points)) for row in rows), *columns[n_x:]]).T
     moved, G, curved = _linearised(points, cloud)
     return moved, G, noise + curved

@@ -77,12 +77,8 @@ def test_a_later_pass_that_breaks_down_leaves_the_first() -> None:
 def test_the_zeros_of_all_sensors_may_be_open() -> None:
     """Totals of a whole longitudinal motion, every third sample: the plain filter's points reach over the priors of all zeros together."""
     record = flown("longitudinal", 5)
-    thin = Record(
-        record.time[::3],
-        *(tuple(replace(c, values=c.values[::3], valid=c.valid[::3]) for c in group) for group in (record.inputs, record.outputs)),
-        hold=Hold.LINEAR,
-        name=record.name,
-    )
+    inputs, outputs = (tuple(replace(c, values=c.values[::3], valid=c.valid[::3]) for c in group) for group in (record.inputs, record.outputs))
+    thin = Record(record.time[::3], inputs, outputs, Hold.LINEAR, record.name)
     found = identify(thin, vehicle_file("longitudinal", 0.8), "ukf")
     assert found.estimate.outcome is Outcome.CONVERGED
     off = {row.name: (row.estimate - TRUE["longitudinal"][row.name]) / row.std for row in found.rows if row.name in TRUE["longitudinal"]}
