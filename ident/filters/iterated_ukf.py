@@ -112,16 +112,20 @@ def _moved(problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, firs
         t, dt = float(problem.grid.edges[s]), float(problem.grid.steps[s])
         u: Any = tuple([float(row[s]) for row in stage] for stage in problem.drive.stages)
         if np.any(problem.density):
-            F = np.zeros_like(noise)
-            at = points[0].tolist()
-            F[:n_x] = complex_step_jacobian(lambda a, t=t, u=u: system.f(t, a[:n_x], u[0], with_free(problem.p, problem.free, a[n_x:])), at)
-            Phi, added = settings.transition(F, problem.density, dt)
+            Phi, added = settings.transition(_slopes(problem, points[0], t, u[0]), problem.density, dt)
             noise = Phi @ noise @ Phi.T + added
         columns = list(points.T)
         rows = settings.step(system.f, t, columns[:n_x], u, with_free(problem.p, problem.free, columns[n_x:]), dt)
         points = np.array([*(np.broadcast_to(row, len(points)) for row in rows), *columns[n_x:]]).T
     moved, G, curved = _linearised(points, cloud)
     return moved, G, noise + curved
+
+
+def _slopes(problem: FilterProblem, at: np.ndarray, t: float, u: list[float]) -> np.ndarray:
+    """F ``(n, n)`` at a point, for the process noise alone."""
+    n_x, F = len(problem.system.states), np.zeros((len(at), len(at)))
+    F[:n_x] = complex_step_jacobian(lambda a: problem.system.f(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:])), at.tolist())
+    return F
 
 
 def _updated(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from typing import Any
@@ -120,8 +121,13 @@ def qualities(estimate: Estimate, airspeed: float, gravity: float, fixed: Mappin
 
 def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
     """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is named."""
+    return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
+
+
+@cache
+def _every() -> tuple[Criterion, ...]:
     entries = tomllib.loads((files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8"))["criteria"]
-    every = (
+    return tuple(
         Criterion(
             e["quantity"],
             e["category"],
@@ -132,7 +138,6 @@ def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
         )
         for e in entries
     )
-    return tuple(criterion for criterion in every if aircraft_class in criterion.classes)
 
 
 def levels(found: Sequence[Quality], against: Sequence[Criterion] | None = None) -> tuple[Level, ...]:

@@ -64,7 +64,7 @@ FIRST = {
 }
 
 
-@pytest.mark.parametrize("aircraft_class", CLASSES)
+@pytest.mark.parametrize("aircraft_class", ["I", "II-C", "III"])
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_limits_of_the_lateral_modes(aircraft_class: str, category: str) -> None:
     def level(values: Mapping[str, float], mode: str) -> int:
