@@ -39,8 +39,18 @@ def level_text(level: ModeLevel) -> str:
 
 def level_sentence(level: ModeLevel) -> str:
     """The mode, its level, and what keeps it from the next better one."""
-    why = f": {_reason(level)}" if level.decided_by else ""
-    return f"{level.mode} {level_text(level)}{why}"
+    why = limit_text(level)
+    return f"{level.mode} {level_text(level)}{f': {why}' if why else ''}"
+
+
+def limit_text(level: ModeLevel) -> str:
+    """What keeps the estimate from the next better level; empty at level 1."""
+    if not level.decided_by:
+        return ""
+    words, unit = QUANTITIES[level.decided_by]
+    least, spaced = "at least" if level.value < level.limit else "at most", f" {unit}" if unit else ""
+    value = f"{level.value:.3g}{spaced}" if math.isfinite(level.value) else "none"
+    return f"{words} {value}, asked {least} {level.limit:.3g}{spaced}"
 
 
 def levels_heading(flown: Flown) -> str:
@@ -74,13 +84,6 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
         for old, now in pairs
         if old.determined and now.determined and old.level != now.level
     ]
-
-
-def _reason(level: ModeLevel) -> str:
-    words, unit = QUANTITIES[level.decided_by]
-    least, spaced = "at least" if level.value < level.limit else "at most", f" {unit}" if unit else ""
-    value = f"{level.value:.3g}{spaced}" if math.isfinite(level.value) else "none"
-    return f"{words} {value}, asked {least} {level.limit:.3g}{spaced}"
 
 
 def _named(number: int) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 
 from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from scenarios.diagnosis.diagnose import Tracing
-from scenarios.terminal.flying_qualities import changes, level_sentence, levels_content, levels_heading
+from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.terminal.flying_qualities import changes, level_text, levels_content, levels_heading, limit_text
 
-LEVEL_HEADINGS = ("before", "after")
+LEVEL_HEADINGS = ("before", "after", "remarks")
 Levels = tuple[ModeLevel, ...]
 
 
@@ -25,10 +26,11 @@ def levels_title(tracing: Tracing) -> str:
 
 
 def level_rows(tracing: Tracing) -> list[tuple[str, ...]]:
-    """Mode, level before and after with what keeps it from the next better one."""
+    """Mode, level before and after, and the limit that the last of these models misses."""
     before, after = levels_of(tracing)
-    old, new = ({level.mode: _told(level) for level in levels} for levels in (before, after))
-    return [(mode, old.get(mode, "-"), new.get(mode, "-")) for mode in {**old, **new}]
+    old, new = ({level.mode: level for level in levels} for levels in (before, after))
+    last = old if nothing_stands(tracing.diagnosis) else new
+    return [(mode, *(level_text(some[mode]) if mode in some else "-" for some in (old, new)), _missed(last.get(mode))) for mode in {**old, **new}]
 
 
 def level_changes(tracing: Tracing) -> list[str]:
@@ -44,5 +46,5 @@ def levels_both(tracing: Tracing) -> dict[str, Any]:
     return {"flying_qualities": {"before": levels_content(before, tracing.flown), "after": levels_content(after, tracing.flown)}}
 
 
-def _told(level: ModeLevel) -> str:
-    return level_sentence(level).removeprefix(f"{level.mode} ")
+def _missed(level: ModeLevel | None) -> str:
+    return limit_text(level) if level is not None else ""

@@ -40,7 +40,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
-        _shown_of(d, levels_title(tracing), ("mode", *LEVEL_HEADINGS), level_rows(tracing), width),
+        _level_lines(tracing, width),
         _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
@@ -214,6 +214,12 @@ def _titled(
     """A table under its title and a note on it, both folded."""
     lines = table(headings, rows, left=left, width=width, spare=spare)
     return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
+
+
+def _level_lines(tracing: Tracing, width: int) -> list[str]:
+    d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
+    rows = shown_rows(d, headings, level_rows(tracing))
+    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings), spare=headings[-1:])
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:
