@@ -110,6 +110,9 @@ def identify(
     method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
     aircraft_class: Class = None,
     category: Category = None,
+    matrices: Annotated[
+        Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
+    ] = None,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
@@ -118,7 +121,7 @@ def identify(
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request((record,), model, vehicle, channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category)
-    identify_record(request, method, out, figures)
+    identify_record(request, method, out, figures, matrices)
 
 
 @app.command()

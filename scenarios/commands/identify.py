@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 SCHEMA = "flightid/comparison/1"
 
 
-def identify_record(request: Request, method: str, out: Path | None, figures: bool) -> None:
-    """Read, identify, write the study, print."""
+def identify_record(request: Request, method: str, out: Path | None, figures: bool, matrices: Path | None = None) -> None:
+    """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_file
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+    from scenarios.identification.state_space import refuse_format, state_space_of, write_state_space
     from scenarios.preparation.plausibility import refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
@@ -42,6 +43,8 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if matrices is not None:
+        refuse_format(matrices)
     vehicle = read_vehicle(request.vehicle, request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
@@ -62,6 +65,9 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     if out is not None:
         _write(found, flown, ready.measured, file, out, figures)
     _print(found, flown)
+    if matrices is not None:
+        write_state_space(state_space_of(found), matrices)
+        print(f"matrices written to {matrices}")
     if out is not None:
         print(f"written to {out}")
 

@@ -59,8 +59,9 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         from scenarios.identification.low_order import identify_loes
 
         found = identify_loes(record, vehicle)
-        modes = characteristics(compile_model(model_of_file(vehicle)), found.estimate)
-        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), modes=modes)
+        system = compile_model(model_of_file(vehicle))
+        modes = characteristics(system, found.estimate)
+        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), modes=modes, system=system)
     model = model or model_of_file(vehicle)
     own, said = vehicle.own is not None, ""
     if not own and not uses_attitude(vehicle, method):
@@ -93,6 +94,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         notes=tuple(note for note in (said, estimate.message) if note),
         cautions=cautions_of(vehicle, estimate, rows),
         modes=characteristics(system, flown, slow) if airborne else None,
+        system=system,
     )
 
 

@@ -11,6 +11,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
+from sim.declaration.system import System
 from sim.record import Record
 
 
@@ -21,7 +22,7 @@ class Identification:
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
     the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
-    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none.
+    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
     """
 
     record: Record
@@ -40,3 +41,4 @@ class Identification:
     reading: OtherReading | None = None
     look: RawLook = NOTHING_SEEN
     modes: Characteristics | None = None
+    system: System | None = None
