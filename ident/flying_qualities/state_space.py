@@ -6,7 +6,7 @@ rounding. Pure delays of inputs are no part of the matrices; ``to_control`` puts
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -65,16 +65,25 @@ def state_space(system: System, values: Mapping[str, float], x0: Sequence[float]
     p = system.parameters.with_values({name: value for name, value in values.items() if name in system.parameters}).values().tolist()
     x = [0.0] * len(system.states) if x0 is None else [float(value) for value in x0]
     u = [0.0] * len(system.inputs) if u0 is None else [float(value) for value in u0]
-    with np.errstate(all="ignore"):
-        A, C = (complex_step_jacobian(lambda a, g=g: g(0.0, a, u, p), x) for g in (system.f, system.h))
-        B, D = ((complex_step_jacobian(lambda a, g=g: g(0.0, x, a, p), u) if u else np.zeros((len(g(0.0, x, u, p)), 0))) for g in (system.f, system.h))
-        rates, y0 = (np.array(g(0.0, x, u, p), dtype=float) for g in (system.f, system.h))
-    if not all(np.all(np.isfinite(some)) for some in (A, B, C, D, rates, y0)):
+    try:
+        with np.errstate(all="ignore"):
+            (A, B, rates), (C, D, y0) = (_linear(g, x, u, p) for g in (system.f, system.h))
+            finite = all(np.all(np.isfinite(some)) for some in (A, B, C, D, rates, y0))
+    except ArithmeticError:
+        finite = False
+    if not finite:
         at = ", ".join(f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True))
         raise ModelError(f"no finite slopes at {at}", where="state_space", remedy="choose another point")
     delays = {"stick": p[system.parameters.index(DELAY)]} if DELAY in system.parameters and "stick" in system.input_names else {}
     stages = tuple(name for name in (*system.input_stages, *system.sensor_stages) if not (delays and DELAY in name))
     return StateSpace(A, B, C, D, system.states, system.inputs, system.outputs, np.array(x), np.array(u), y0, rates, delays, stages)
+
+
+def _linear(g: Callable[..., Any], x: list[float], u: list[float], p: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes of ``f`` or ``h`` by states and by inputs, and its value."""
+    value = np.array(g(0.0, x, u, p), dtype=float)
+    by_inputs = complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
+    return complex_step_jacobian(lambda a: g(0.0, a, u, p), x), by_inputs, value
 
 
 def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
