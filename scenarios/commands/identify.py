@@ -175,7 +175,7 @@ def _print(found: Identification, flown: Flown) -> None:
     shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
     noise = ", ".join(f"{name} {value:.3g}{f' {unit}' if unit != '1' else ''}" for name, (value, _, unit) in shown)
     terminal.print(f"residual (1 sigma): {noise}", highlight=False)
-    reached = levels_line(mode_levels(found.modes, flown), flown) if found.modes is not None else ""
+    reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
     for line in (derived_line(found.derived), reached, test_line(found.tests), *(f"note: {note}" for note in found.notes)):
         if line:
             terminal.print(line, highlight=False)

@@ -15,6 +15,7 @@ from scenarios.studies.declaration import Start
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.terminal.flying_qualities import levels_content
+from scenarios.terminal.quantities import AXES
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
@@ -133,6 +134,7 @@ def _test(test: ResidualTest) -> dict[str, Any]:
     return {
         "name": test.name,
         "channel": test.channel,
+        **({"axis": AXES[test.channel]} if test.channel in AXES else {}),
         "statistic": test.statistic,
         "p_value": test.p_value,
         "passed": test.passed,

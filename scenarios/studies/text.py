@@ -61,7 +61,7 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
         ]
     print_table(out, title, columns, published)
     flown = study.scenario.flown
-    levels = levels_line(method.levels, flown) if flown is not None else ""
+    levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     for line in (derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
         if line:
             print_paragraph(out, line)

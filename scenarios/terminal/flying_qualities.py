@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ident.flying_qualities.mode_levels import STANDARD, WORST, Flown, ModeLevel
+from ident.statistics.residuals import ResidualTest
 
 LEAST = 0.01  # probability from which a level is named among several
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -59,9 +60,15 @@ def levels_heading(flown: Flown) -> str:
     return f"levels by {STANDARD}, class {flown.aircraft_class}, category {flown.category}{assumed}"
 
 
-def levels_line(levels: Sequence[ModeLevel], flown: Flown) -> str:
-    """All levels in one line; empty where the model has no mode that the standard speaks of."""
-    return f"{levels_heading(flown)}: {'; '.join(map(level_sentence, levels))}" if levels else ""
+def levels_line(levels: Sequence[ModeLevel], flown: Flown, tests: Sequence[ResidualTest]) -> str:
+    """All levels in one line; empty where the model has no mode that the standard speaks of.
+
+    Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not in them, and the line says so.
+    """
+    if not levels:
+        return ""
+    doubted = "" if all(test.passed for test in tests) else ", were the model right, which its residual denies"
+    return f"{levels_heading(flown)}{doubted}: {'; '.join(map(level_sentence, levels))}"
 
 
 def levels_content(levels: Sequence[ModeLevel], flown: Flown) -> dict[str, Any]:
