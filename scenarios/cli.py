@@ -45,6 +45,8 @@ VehicleBeside = Annotated[
     Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
+Class = Annotated[str | None, typer.Option("--class", metavar="I..IV", help="Class of the aircraft, for levels of flying qualities; II-C: carrier.")]
+Category = Annotated[str | None, typer.Option("--category", metavar="A|B|C", help="Category of the flight phase: A rapid, B gradual, C terminal.")]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
 
 
@@ -106,6 +108,11 @@ def identify(
     lowpass: Lowpass = None,
     trust: Trust = False,
     method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
+    aircraft_class: Class = None,
+    category: Category = None,
+    matrices: Annotated[
+        Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
+    ] = None,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
@@ -113,7 +120,8 @@ def identify(
     from scenarios.commands.identify import identify_record
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
+    request = Request((record,), model, vehicle, channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category)
+    identify_record(request, method, out, figures, matrices)
 
 
 @app.command()
@@ -134,6 +142,8 @@ def diagnose(
     lowpass: Lowpass = None,
     trust: Trust = False,
     effort: Annotated[str, typer.Option("--effort", metavar="E", help="How far the search looks: normal, thorough.")] = "normal",
+    aircraft_class: Class = None,
+    category: Category = None,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
@@ -141,7 +151,8 @@ def diagnose(
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    diagnose_records(Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort), out, figures)
+    request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
+    diagnose_records(request, out, figures)
 
 
 @app.command()

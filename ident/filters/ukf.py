@@ -50,12 +50,12 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = _one_pass(problem, settings, problem.start)
+    estimate = filter_by_points(problem, settings)
     n_x = len(system.states)
     for done in range(1, settings.passes):
         if estimate.outcome is not Outcome.CONVERGED:
             break
-        again = _one_pass(problem, settings, np.concatenate([problem.start[:n_x], estimate.values]))
+        again = filter_by_points(problem, settings, np.concatenate([problem.start[:n_x], estimate.values]))
         moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
@@ -69,17 +69,21 @@ def square_root(P: np.ndarray) -> np.ndarray:
     U is the symmetric root of the correlation matrix times the standard deviations. There is one such root only, and it moves
     little when P does; the axes of alike eigenvalues, as an uncorrelated P has them, are rounding's choice, and so would the points be.
     """
-    values, vectors, scale, _ = _decomposed(P)
-    return (vectors * np.sqrt(values)) @ vectors.T * scale
+    return roots(P)[0]
 
 
 def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
     """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the differences of what the paired
     points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``. With the root instead of P half the digits of a nearly
     singular P are kept."""
-    values, vectors, _, inverse = _decomposed(P)
+    return (roots(P)[1] @ half_differences).T
+
+
+def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``square_root(P)`` and its inverse ``(n, n)``, the latter zero for what has no variance."""
+    values, vectors, scale, inverse = _decomposed(P)
     reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
-    return (inverse[:, None] * ((vectors * reciprocal) @ vectors.T @ half_differences)).T
+    return (vectors * np.sqrt(values)) @ vectors.T * scale, inverse[:, None] * ((vectors * reciprocal) @ vectors.T)
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -90,13 +94,14 @@ def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return np.where(values > SMALLEST * values[-1], values, 0.0), vectors, scale, inverse
 
 
-def _one_pass(problem: FilterProblem, settings: FilterSettings, start: np.ndarray) -> Estimate:
+def filter_by_points(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None) -> Estimate:
+    """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
     points = MerweScaledSigmaPoints(n, ALPHA, BETA, KAPPA, sqrt_method=square_root)
     ukf = UnscentedKalmanFilter(dim_x=n, dim_z=len(problem.variance), dt=0.0, hx=None, fx=None, points=points)
-    ukf.x, ukf.P = start.astype(float), problem.covariance.copy()
+    ukf.x, ukf.P = (problem.start if start is None else start).astype(float), problem.covariance.copy()
     keeper = HistoryKeeper(problem)
     with quiet_numerics():
         for k in range(len(problem.time)):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from typing import Any
@@ -29,6 +30,8 @@ UNITS = {
     "load_factor_slope": "g/rad",
     "control_anticipation": "1/(g s2)",
 }
+CLASSES = ("I", "II-C", "II-L", "III", "IV")
+CATEGORIES = ("A", "B", "C")
 _NEEDED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
 SIGMAS = 2.0
 
@@ -45,12 +48,18 @@ class Quality:
 
 @dataclass(frozen=True)
 class Criterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and where they stand."""
+    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and where they stand.
+
+    ``classes`` of aircraft that they hold for. ``raised_by``: of a Dutch roll, by how much the low ends rise with each (rad/s)^2 by which its squared
+    frequency times |phi/beta| exceeds 20.
+    """
 
     quantity: str
     category: str
     levels: tuple[tuple[float, float], ...]
     source: str
+    classes: tuple[str, ...] = CLASSES
+    raised_by: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,10 +119,25 @@ def qualities(estimate: Estimate, airspeed: float, gravity: float, fixed: Mappin
     return tuple(out)
 
 
-def criteria() -> tuple[Criterion, ...]:
-    """The boundaries of the data file."""
+def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
+    """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is named."""
+    return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
+
+
+@cache
+def _every() -> tuple[Criterion, ...]:
     entries = tomllib.loads((files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8"))["criteria"]
-    return tuple(Criterion(e["quantity"], e["category"], tuple((float(a), float(b)) for a, b in e["levels"]), e["source"]) for e in entries)
+    return tuple(
+        Criterion(
+            e["quantity"],
+            e["category"],
+            tuple((float(a), float(b)) for a, b in e["levels"]),
+            e["source"],
+            tuple(e.get("classes", CLASSES)),
+            tuple(map(float, e.get("raised_by", ()))),
+        )
+        for e in entries
+    )
 
 
 def levels(found: Sequence[Quality], against: Sequence[Criterion] | None = None) -> tuple[Level, ...]:

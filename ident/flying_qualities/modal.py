@@ -53,19 +53,30 @@ def modal_estimate(system: System, estimate: Estimate, held: Collection[str] = (
     whole longitudinal motion. Standard deviations by linearisation in the estimated parameters, as TM-101722 does for its figure 8.
     ``held`` as in ``slowest_oscillation``.
     """
-    modes = _modes_of(system, held)
+    names, centre, gradient = propagated(_modes_of(system, held), system, estimate)
+    rows = zip(names, centre, gradient, strict=True)
+    return {name: (float(value), float(np.sqrt(max(row @ estimate.covariance @ row, 0.0)))) for name, value, row in rows}
+
+
+def propagated(
+    numbers: Callable[[np.ndarray], Mapping[str, float]], system: System, estimate: Estimate
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its gradient ``(k, n)`` by the estimated ones.
+
+    Central differences, a ten-thousandth of a sigma to either side; a number that is not there on both sides is left out.
+    """
     p = system.parameters.values()
     index = [system.parameters.index(name) for name in estimate.names]
     p[index] = estimate.values
-    centre = modes(p)
+    centre = numbers(p)
     gradient = {name: np.zeros(len(index)) for name in centre}
     for column, (i, sigma) in enumerate(zip(index, estimate.std, strict=True)):
         step = max(1e-4 * sigma, 1e-9 * abs(p[i]), 1e-300)
-        above, below = (modes(_moved(p, i, by)) for by in (step, -step))
+        above, below = (numbers(_moved(p, i, by)) for by in (step, -step))
         gradient = {name: row for name, row in gradient.items() if name in above and name in below}
         for name, row in gradient.items():
             row[column] = (above[name] - below[name]) / (2.0 * step)
-    return {name: (centre[name], float(np.sqrt(max(row @ estimate.covariance @ row, 0.0)))) for name, row in gradient.items()}
+    return tuple(gradient), np.array([centre[name] for name in gradient]), np.array([*gradient.values()]).reshape(-1, len(index))
 
 
 def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], dict[str, float]]:

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.weighed import Weighed
 from sim.record import Record
@@ -196,6 +197,7 @@ class Diagnosis:
         fitted, but took part in choosing effects.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
+    modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
     stopped : the search, or a stage of it, ended at its means.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
@@ -222,6 +224,8 @@ class Diagnosis:
     inflation: Mapping[str, float] = field(default_factory=dict)
     used_to_choose: bool = False
     stopped: bool = False
+    modes_before: Characteristics | None = None
+    modes_after: Characteristics | None = None
 
 
 class Silent:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.estimate import Estimate
+from ident.flying_qualities.characteristics import Characteristics, characteristics
 from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
@@ -110,6 +111,8 @@ def reported(
         effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
+        modes_before=_characteristics(root, before.scatter.inflation),
+        modes_after=_characteristics(best, inflation),
         derived_before=_derived(root, before.scatter.inflation),
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),
@@ -179,16 +182,27 @@ def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dic
     """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they are reported."""
     if not fitted.system.inputs:
         return {}
-    plain = _estimate(fitted)
-    inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
-    estimate = replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
-    # The short period is meant, at one speed: what any record may have beside it is slower.
-    slow = {state.name for effect in fitted.background if isinstance(effect, DynamicsEffect) for state in effect.states}
-    modes = modal_estimate(fitted.system, estimate, slow)
+    estimate = _inflated_estimate(fitted, inflation)
+    modes = modal_estimate(fitted.system, estimate, _slow(fitted))
     out = {name: Quantity(value, max(std, 1e-300), MODAL_UNITS[name]) for name, (value, std) in modes.items()}
     if "delay" in estimate.names:
         out["delay"] = Quantity(estimate.value("delay"), max(estimate.sigma("delay"), 1e-300), "s")
     return out
+
+
+def _characteristics(fitted: FittedModel, inflation: Mapping[str, float]) -> Characteristics | None:
+    return characteristics(fitted.system, _inflated_estimate(fitted, inflation), _slow(fitted)) if fitted.system.inputs else None
+
+
+def _slow(fitted: FittedModel) -> set[str]:
+    """The short period is meant, at one speed: what any record may have beside it is slower."""
+    return {state.name for effect in fitted.background if isinstance(effect, DynamicsEffect) for state in effect.states}
+
+
+def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> Estimate:
+    plain = _estimate(fitted)
+    inflated = np.array([inflation.get(name, 1.0) for name in plain.names])
+    return replace(plain, covariance=plain.covariance * np.outer(inflated, inflated))
 
 
 def _estimate(fitted: FittedModel) -> Estimate:

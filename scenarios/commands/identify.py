@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.estimate import Outcome
+from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.own_models import channel_units
@@ -17,8 +18,9 @@ from scenarios.identification.identify import FILTERS, METHODS, identify, uses_a
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
 from scenarios.identification.result import Identification
 from scenarios.preparation.record_words import record_content, record_lines
-from scenarios.preparation.request import Request, column_choices
+from scenarios.preparation.request import Request, column_choices, flown_of
 from scenarios.studies.comparison import estimate_content
+from scenarios.terminal.flying_qualities import levels_content, levels_line
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Hold, Record
 
@@ -29,10 +31,11 @@ if TYPE_CHECKING:
 SCHEMA = "flightid/comparison/1"
 
 
-def identify_record(request: Request, method: str, out: Path | None, figures: bool) -> None:
-    """Read, identify, write the study, print."""
+def identify_record(request: Request, method: str, out: Path | None, figures: bool, matrices: Path | None = None) -> None:
+    """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_file
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+    from scenarios.identification.state_space import refuse_format, state_space_of, write_state_space
     from scenarios.preparation.plausibility import refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
@@ -40,7 +43,10 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if matrices is not None:
+        refuse_format(matrices)
     vehicle = read_vehicle(request.vehicle, request.model)
+    flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     file = read_record_file(request.records[0])
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
@@ -57,8 +63,11 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not file.sidecar.says_hold:
         found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold))[1])
     if out is not None:
-        _write(found, ready.measured, file, out, figures)
-    _print(found)
+        _write(found, flown, ready.measured, file, out, figures)
+    _print(found, flown)
+    if matrices is not None:
+        write_state_space(state_space_of(found), matrices)
+        print(f"matrices written to {matrices}")
     if out is not None:
         print(f"written to {out}")
 
@@ -73,7 +82,7 @@ def _read_otherwise(found: Identification, again: Callable[[Hold], Identificatio
     return replace(found, reading=other_reading(used, found.rows, other.rows, gain))
 
 
-def identification_content(found: Identification, file: InputFile) -> dict[str, Any]:
+def identification_content(found: Identification, file: InputFile, flown: Flown) -> dict[str, Any]:
     """Content of ``comparison.json`` for a measured record: no ``true``, no ``published``."""
     content = estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests)
     return {
@@ -83,6 +92,7 @@ def identification_content(found: Identification, file: InputFile) -> dict[str, 
         "vehicle": found.vehicle.name,
         "method": found.method,
         **content,
+        **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
         **({"segments": [[float(r.time[0]), float(r.time[-1])] for r in (found.record, *found.others)]} if found.others else {}),
         **({"input_reading": reading_content(found.reading)} if found.reading else {}),
@@ -100,7 +110,7 @@ def _model_file(found: Identification) -> dict[str, str]:
     return {"model": file.name, "model_sha256": file.sha256} if file is not None else {}
 
 
-def _write(found: Identification, measured: Sequence[Record], file: RecordFile, out: Path, figures: bool) -> None:
+def _write(found: Identification, flown: Flown, measured: Sequence[Record], file: RecordFile, out: Path, figures: bool) -> None:
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import write_json, write_record
 
@@ -112,7 +122,7 @@ def _write(found: Identification, measured: Sequence[Record], file: RecordFile, 
             from scenarios.identification.figures import draw_identification
 
             draw_identification(found, measured[0], scratch)
-        write_json(scratch / "comparison.json", identification_content(found, file.identity))
+        write_json(scratch / "comparison.json", identification_content(found, file.identity, flown))
 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
@@ -127,7 +137,7 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
             raise FlightidError("the study's record would take the place of this file", where=str(given), remedy="name another folder with --out")
 
 
-def _print(found: Identification) -> None:
+def _print(found: Identification, flown: Flown) -> None:
     from rich.table import Table
 
     from ident.tracing.diagnosis import Quantity
@@ -165,6 +175,7 @@ def _print(found: Identification) -> None:
     shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
     noise = ", ".join(f"{name} {value:.3g}{f' {unit}' if unit != '1' else ''}" for name, (value, _, unit) in shown)
     terminal.print(f"residual (1 sigma): {noise}", highlight=False)
-    for line in (derived_line(found.derived), test_line(found.tests), *(f"note: {note}" for note in found.notes)):
+    reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
+    for line in (derived_line(found.derived), reached, test_line(found.tests), *(f"note: {note}" for note in found.notes)):
         if line:
             terminal.print(line, highlight=False)

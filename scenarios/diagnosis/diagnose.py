@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ident.flying_qualities.mode_levels import Flown
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import NORMAL
 from scenarios.diagnosis.candidates import can_act, candidates_for, read_effects
@@ -23,7 +24,7 @@ from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_u
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
-from scenarios.preparation.request import Request, column_choices
+from scenarios.preparation.request import Request, column_choices, flown_of
 from scenarios.preparation.vehicle_model import moves_about_rest, outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -61,7 +62,7 @@ class Tracing:
     candidates by name. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
-    ``effort``: how far the search looked.
+    ``effort``: how far the search looked. ``flown``: by which class and category levels of flying qualities are told.
     """
 
     diagnosis: Diagnosis
@@ -79,6 +80,7 @@ class Tracing:
     look: RawLook = NOTHING_SEEN
     overflows: int = 0
     effort: str = NORMAL.effort
+    flown: Flown = field(default_factory=Flown)
 
     @property
     def stick_unit(self) -> str:
@@ -152,7 +154,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         # Only a verdict that needs evidence is worth a check, which costs as much as some candidates.
         kinematics = witness.kinematics if diagnosis.verdict is not Verdict.CONSISTENT else None
     if not moves_about_rest(posed.model):
-        diagnosis = replace(diagnosis, derived_before={}, derived_after={})
+        diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
     assert opened.vehicle.identity is not None
     return Tracing(
         diagnosis,
@@ -170,6 +172,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.look,
         overflows.count,
         settings.effort,
+        flown_of(request, opened.vehicle),
     )
 
 

@@ -16,6 +16,7 @@ from sim.errors import DeclarationError
 
 MODELS = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
 BESIDE = "vehicle.toml"
+FLOWN = ("aircraft_class", "flight_phase")
 # Model -> keys at the top of its file that are there, or are not, in files of no other model; a file without these is a rigid aircraft's.
 _TOLD_BY = {
     "flexible": (("modes", True),),
@@ -43,6 +44,7 @@ class VehicleFile:
         starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and
         the couplings ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file that was read, None where the values come from elsewhere.
+    aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV, category A to C of MIL-F-8785C.
     own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
     """
 
@@ -54,6 +56,8 @@ class VehicleFile:
     identity: InputFile | None = field(default=None, compare=False)
     own: Model | None = field(default=None, compare=False)
     own_file: InputFile | None = field(default=None, compare=False)
+    aircraft_class: str | None = None
+    flight_phase: str | None = None
 
 
 def vehicle_beside(record: Path) -> Path | None:
@@ -121,9 +125,17 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     for number, table in enumerate(tables, start=1):
         values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)
         modes.append((number, values))
-    constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes")}
+    constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes", *FLOWN)}
     refuse_unusable(model, constants, vehicle["derivatives"], path)
-    return VehicleFile(vehicle.get("name", path.stem), model, constants, vehicle["derivatives"], tuple(modes), source.identity)
+    return VehicleFile(
+        vehicle.get("name", path.stem),
+        model,
+        constants,
+        vehicle["derivatives"],
+        tuple(modes),
+        source.identity,
+        **{key: vehicle.get(key) for key in FLOWN},
+    )
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic_core import PydanticCustomError
@@ -75,23 +75,30 @@ _LOES_STARTS = _table(
 _BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
 
 
+_FLOWN: dict[str, Any] = {
+    "aircraft_class": (Literal["I", "II", "II-C", "II-L", "III", "IV"] | None, None),
+    "flight_phase": (Literal["A", "B", "C"] | None, None),
+}
+
+
 def _whole_axes(model: str) -> type[BaseModel]:
     """The file of equations whose constants must be given, and whose derivatives may be left out."""
     _, constants, derivatives = WHOLE_AXES[model]
     title = model.capitalize()
     starts = _table(f"{title}Derivatives", **{name: (_number(unit) | None, None) for name, unit in derivatives.items()})
     kinds = {name: _number(unit, gt=0.0 if name in ABOVE_ZERO else None) for name, unit in constants.items()}
-    return _table(f"{title}Vehicle", name=_NAME, **_required(kinds), derivatives=(starts, ...))
+    return _table(f"{title}Vehicle", name=_NAME, **_required(kinds), **_FLOWN, derivatives=(starts, ...))
 
 
 SCHEMAS: Mapping[str, type[BaseModel]] = {
-    "rigid": _table("RigidVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...)),
-    "flexible": _table("FlexibleVehicle", name=_NAME, **_AIRFRAME, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)),
+    "rigid": _table("RigidVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...)),
+    "flexible": _table("FlexibleVehicle", name=_NAME, **_AIRFRAME, **_FLOWN, derivatives=(_RIGID_STARTS, ...), modes=(list[dict[str, Any]], ...)),
     "loes": _table(
         "LoesVehicle",
         name=_NAME,
         **_required({"airspeed": _number("m/s", gt=0.0), "gravity": _number("m/s2", gt=0.0)}),
         vane_arm=(_number("m") | None, None),
+        **_FLOWN,
         derivatives=(_LOES_STARTS, ...),
     ),
     "ballistic": _table(

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import FilterSettings
 from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
@@ -32,7 +32,6 @@ from sim.record import Record
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
 FIT_STEP = 0.01
-PASSES = 5
 BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
@@ -60,7 +59,9 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         from scenarios.identification.low_order import identify_loes
 
         found = identify_loes(record, vehicle)
-        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows))
+        system = compile_model(model_of_file(vehicle))
+        modes = characteristics(system, found.estimate)
+        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), modes=modes, system=system)
     model = model or model_of_file(vehicle)
     own, said = vehicle.own is not None, ""
     if not own and not uses_attitude(vehicle, method):
@@ -75,7 +76,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
-    derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
+    flown = _of_parameters(estimate, system.parameters)
+    derived = modal_estimate(system, flown, slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return Identification(
@@ -91,6 +93,8 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         tuple(others),
         notes=tuple(note for note in (said, estimate.message) if note),
         cautions=cautions_of(vehicle, estimate, rows),
+        modes=characteristics(system, flown, slow) if airborne else None,
+        system=system,
     )
 
 
@@ -110,10 +114,6 @@ def _refuse(records: Sequence[Record], vehicle: VehicleFile, method: str) -> Non
         _refuse_beyond_measure(each)
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
-    if vehicle.model == "longitudinal" and method == "ukf":
-        # Its points reach as far as the priors of CL_0, Cm_0 and the zeros of all sensors together: six sigmas off and more, and no test shows it.
-        what = "an unscented filter of totals is biased by the open zeros of the sensors and does not show it"
-        raise DeclarationError(what, where="--method", remedy="use ekf, output-error, filter-error or equation-error")
 
 
 def _estimated(records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings) -> tuple[System, Estimate]:
@@ -131,13 +131,12 @@ def _estimated(records: Sequence[Record], model: Model, outputs: list[str], meth
     if method not in FILTERS:
         return system, fit
     record, ready = records[0], _for_filter(model, records[0], outputs, fit)
+    system = compile_model(ready, outputs, online=True)
     if method == "ekf":
-        system = compile_model(ready, outputs, online=True)
         return system, run_iterated_ekf(record, system)
-    from ident.filters.ukf import run_ukf
+    from ident.filters.iterated_ukf import run_iterated_ukf
 
-    system = compile_model(_for_points(ready), outputs, online=True)
-    return system, run_ukf(record, system, FilterSettings(passes=PASSES))
+    return system, run_iterated_ukf(record, system, first=compile_model(_for_points(ready), outputs, online=True))
 
 
 def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
@@ -218,7 +217,7 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
 
 
 def _for_points(model: Model) -> Model:
-    """Priors of derivatives for an unscented filter: its points lie sqrt(n) sigmas out, n unknowns, and none shall have another sign."""
+    """Priors of derivatives for an unscented filter's first pass: its points lie sqrt(n) sigmas out, n unknowns, and none shall have another sign."""
     count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
     names = [name for name in model.parameters.free_names if name not in {f"bias_{output}" for output in model.biases}]
     widest = {name: abs(model.parameters[name].value) / np.sqrt(count) for name in names}

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
+from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
+from sim.declaration.system import System
 from sim.record import Record
 
 
@@ -20,6 +22,7 @@ class Identification:
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
     the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
+    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
     """
 
     record: Record
@@ -37,3 +40,5 @@ class Identification:
     cautions: tuple[str, ...] = ()
     reading: OtherReading | None = None
     look: RawLook = NOTHING_SEEN
+    modes: Characteristics | None = None
+    system: System | None = None

@@ -11,7 +11,9 @@ from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.plan import Plan
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
+    from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.channels import ColumnChoice
+    from scenarios.files.vehicles import VehicleFile
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Request:
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
     validate : files that are predicted, whole. effects : a user's Python file; it is run.
     channels : a channel map, for all records.
+    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the vehicle file's.
     effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
     """
@@ -37,6 +40,15 @@ class Request:
     channels: Path | None = None
     plan: Plan = field(default_factory=Plan)
     effort: str = "normal"
+    aircraft_class: str | None = None
+    flight_phase: str | None = None
+
+
+def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
+    """Class and category by which levels of flying qualities are told: the request's, else the vehicle file's, else assumed."""
+    from ident.flying_qualities.mode_levels import flown_as
+
+    return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
 
 
 def column_choices(request: Request, known: Iterable[str] = CHANNEL_UNITS) -> Mapping[str, ColumnChoice] | None:

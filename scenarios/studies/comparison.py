@@ -14,6 +14,8 @@ from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.terminal.flying_qualities import levels_content
+from scenarios.terminal.quantities import AXES
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 
 SCHEMA = "flightid/comparison/1"
@@ -29,6 +31,7 @@ def comparison(study: Study) -> dict[str, Any]:
         "seed": study.seed,
         "distance": study.scenario.distance,
         **method_content(study.main),
+        **({"flying_qualities": levels_content(study.main.levels, study.scenario.flown)} if study.scenario.flown is not None else {}),
         "notes": list(study.notes),
         "versions": versions(),
     }
@@ -131,6 +134,7 @@ def _test(test: ResidualTest) -> dict[str, Any]:
     return {
         "name": test.name,
         "channel": test.channel,
+        **({"axis": AXES[test.channel]} if test.channel in AXES else {}),
         "statistic": test.statistic,
         "p_value": test.p_value,
         "passed": test.passed,

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ident.flying_qualities.mode_levels import Flown
 
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 
@@ -116,6 +119,7 @@ class Scenario:
         an estimation's model lacks.
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
+    flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     """
 
     name: str
@@ -127,3 +131,4 @@ class Scenario:
     condensed: bool = False
     display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
     seed: int = 1
+    flown: Flown | None = None

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
+from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import Estimation, Flight, ManeuverPlan, PublishedChoice, Scenario, Start
@@ -94,6 +95,8 @@ class _Scenario(_Strict):
     methods: list[dict[str, Any]] = []
     condensed: bool = False
     display: dict[str, str] = {}
+    aircraft_class: Literal["I", "II", "II-C", "II-L", "III", "IV"] | None = None
+    flight_phase: Literal["A", "B", "C"] | None = None
 
 
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
@@ -131,6 +134,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.condensed,
         dict(content.display),
         content.seed,
+        flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
     )
 
 

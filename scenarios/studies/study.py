@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
+from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
 from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
@@ -32,6 +34,7 @@ class MethodResult:
     derived: Mapping[str, tuple[float, float]]
     fixed: Mapping[str, tuple[float, str]]
     tests: tuple[ResidualTest, ...]
+    levels: tuple[ModeLevel, ...] = ()
 
     @property
     def estimation(self) -> Estimation:
@@ -124,5 +127,7 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     derived = modal_estimate(compiled(estimation, model), estimate) if estimation.model != "ballistic" else {}
+    modes = characteristics(compiled(estimation, model), estimate) if scenario.flown is not None else None
+    levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
-    return MethodResult(result, rows, derived, fixed, tests)
+    return MethodResult(result, rows, derived, fixed, tests, levels)

@@ -10,6 +10,7 @@ from rich.text import Text
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
@@ -59,7 +60,9 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
             Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows]),
         ]
     print_table(out, title, columns, published)
-    for line in (derived_line(method.derived), test_line(method.tests), method.estimation.explanation):
+    flown = study.scenario.flown
+    levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
+    for line in (derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
         if line:
             print_paragraph(out, line)
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
-from scenarios.terminal.quantities import in_hertz
+from scenarios.terminal.quantities import AXES, in_hertz
 
 GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
@@ -45,8 +45,19 @@ def _derived_text(key: str, value: float, std: float) -> str:
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
-    """What the residual tests say, in one line."""
+    """What the residual tests say, in one line: which outputs fail, in which axis where there are several, and which axes are sound."""
     failed = [test for test in tests if not test.passed]
-    if failed:
+    if not failed:
+        return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""
+    axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
+    if len(axes) < 2:
         return "residual is not the noise alone: " + "; ".join(f"{test.channel}: {test.sentence}" for test in failed)
-    return "residual: what the noise alone would give (" + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests) + ")" if tests else ""
+    wrong = {axis: [test for test in failed if AXES.get(test.channel) == axis] for axis in axes}
+    told = [f"in {axis} ({', '.join(f'{test.channel} {test.sentence}' for test in some)})" for axis, some in wrong.items() if some]
+    told += [f"{test.channel}: {test.sentence}" for test in failed if test.channel not in AXES]
+    sound = [axis for axis, some in wrong.items() if not some]
+    return f"residual is not the noise alone: {'; '.join(told)}{f'; noise alone in {_listed(sound)}' if sound else ''}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

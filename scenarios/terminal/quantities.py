@@ -16,6 +16,12 @@ CHANNELS = {
 }
 
 
+# Which equation of motion a channel is measured along.
+AXES = {
+    **{"airspeed": "speed", "nx": "speed", "alpha": "lift", "nz": "lift", "q": "pitch", "theta": "pitch"},
+    **{"beta": "side force", "ny": "side force", "p": "roll", "phi": "roll", "r": "yaw"},
+}
+
 UNDETERMINED = "not determined by these data"
 
 

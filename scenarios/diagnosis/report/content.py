@@ -11,6 +11,7 @@ from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, E
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
+from scenarios.diagnosis.report.mode_levels import levels_both
 from scenarios.diagnosis.report.probabilities import shown_probability
 from scenarios.diagnosis.report.text import derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
@@ -44,6 +45,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "growth": {name: bounded(factor) for name, factor in d.inflation.items()},
         "derived": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_after).items()},
         "derived_before": {name: {"estimate": entry["value"], **entry} for name, entry in quantities(derived_before).items()},
+        **levels_both(tracing),
         "error": {
             "held_out": d.held_out,
             "used_to_choose": d.used_to_choose,

@@ -17,6 +17,7 @@ from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, s
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
+from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.files.own_models import channel_units
@@ -79,6 +80,9 @@ def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, templat
         scatter=bool(d.scatter),
         derivatives=shown_rows(d, ("", *text.derivative_headings(d)), text.derivative_rows(d.before, d.after, d.scatter)),
         derived=shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d)),
+        levels=shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing)),
+        level_headings=shown_columns(d, LEVEL_HEADINGS),
+        levels_title=_capital(levels_title(tracing)),
         moved_title=_capital(text.moved_title(d)),
         figures=[
             _figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures, declared=nothing_stands(d)) if stem != "replication"

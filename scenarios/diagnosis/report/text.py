@@ -12,6 +12,7 @@ from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
+from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
@@ -39,6 +40,7 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
+        _level_lines(tracing, width),
         _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
         _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
@@ -106,6 +108,7 @@ def headline(tracing: Tracing) -> str:
     if name:
         old, new = d.before[name], d.after[name]
         parts.append(f"{name} was {value_text(old.value, old.std)}, is {value_text(new.value, new.std)}{scatter_text(d, name)}")
+    parts += level_changes(tracing)
     return "; ".join([*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])])
 
 
@@ -211,6 +214,12 @@ def _titled(
     """A table under its title and a note on it, both folded."""
     lines = table(headings, rows, left=left, width=width, spare=spare)
     return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
+
+
+def _level_lines(tracing: Tracing, width: int) -> list[str]:
+    d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
+    rows = shown_rows(d, headings, level_rows(tracing))
+    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings), spare=headings[-1:])
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:

@@ -25,18 +25,28 @@ def records() -> dict[str, Record]:
 def test_what_identify_prints_and_writes(flightid: CommandLine, tmp_path: Path, records: dict[str, Record], model: str) -> None:
     path = write_flown(tmp_path, model, records[model])
     out = tmp_path / "out"
-    printed = flightid.done("identify", path, "--model", model, "--vehicle", tmp_path / "vehicle.toml", "--out", out)
+    options = ("--model", model, "--vehicle", tmp_path / "vehicle.toml", "--out", out, "--class", "I", "--state-space", tmp_path / "plant.json")
+    printed = flightid.done("identify", path, *options)
     content = json.loads((out / "comparison.json").read_text(), parse_constant=pytest.fail)
     assert (content["model"], content["outcome"]) == (model, "converged") and set(content["parameters"]) == set(TRUE[model])
     for name, row in content["parameters"].items():
         assert abs(row["estimate"] - TRUE[model][name]) < 3.5 * row["std"]
     assert {"fit.png", "record.png", "correlation.png", "record.csv"} <= set(contents(out))
+    assert "levels by MIL-F-8785C, class I, category B (category assumed: --class, --category, or the vehicle file): " in " ".join(printed.split())
+    levels = content["flying_qualities"]["modes"]
+    assert all(level["level"] == 1 and level["determined"] for level in levels.values())
+    plant = json.loads((tmp_path / "plant.json").read_text(), parse_constant=pytest.fail)
+    roots = [root for root in np.linalg.eigvals(np.array(plant["A"])) if root.imag > 0]
+    printed_as = {name: entry["estimate"] for name, entry in content["derived"].items() if name.endswith("frequency")}
+    assert sorted(printed_as.values()) == pytest.approx(sorted(map(abs, roots)), rel=1e-9), "the modes that are printed are those of the matrices"
     if model == "lateral":
+        assert set(levels) == {"Dutch roll", "roll mode", "spiral"}
         assert {name: entry["unit"] for name, entry in content["derived"].items()} == {
             **{"dutch_roll_frequency": "rad/s", "dutch_roll_damping": "1", "roll_time_constant": "s", "spiral_time_constant": "s"}
         }
         assert "Dutch roll frequency" in printed and "roll time constant" in printed
     else:
+        assert set(levels) == {"short period", "phugoid"}
         assert set(content["derived"]) == {"short_period_frequency", "short_period_damping", "phugoid_frequency", "phugoid_damping"}
         assert "phugoid frequency" in printed and "residual (1 sigma): airspeed 0.2" in printed
 
@@ -104,9 +114,10 @@ def test_files_and_methods_that_do_not_fit(flightid: CommandLine, tmp_path: Path
         paths[folder.name] = write_flown(folder, folder.name, records[folder.name])
     wrong = flightid.refused("identify", paths["lateral"], "--model", "lateral", "--vehicle", longitudinal / "vehicle.toml")
     assert "vehicle.toml, key derivatives.CD_0: there is no such key" in wrong
+    wrong = ("identify", paths["lateral"], "--model", "lateral", "--vehicle", lateral / "vehicle.toml")
+    assert "--class: there is no class 'V'; use I, II, III or IV" in flightid.refused(*wrong, "--class", "V")
+    assert "name a file that ends in .json, .mat, .npz" in flightid.refused(*wrong, "--state-space", lateral / "plant.txt")
     assert "vehicle.toml, key derivatives.CY_beta: there is no such key" in flightid.refused("diagnose", paths["lateral"], "--model", "rigid")
-    unscented = ("identify", paths["longitudinal"], "--model", "longitudinal", "--vehicle", longitudinal / "vehicle.toml", "--method", "ukf")
-    assert flightid.refused(*unscented).startswith("--method: an unscented filter of totals is biased")
     (lateral / "vehicle.toml").write_text((lateral / "vehicle.toml").read_text().split("[derivatives]")[0] + "[derivatives]\n")
     assert "no derivative is given; give where the search starts" in flightid.refused("diagnose", paths["lateral"], "--model", "lateral")
 
