@@ -42,7 +42,7 @@ Model = Annotated[
 ]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
 VehicleBeside = Annotated[
-    Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
+    Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record. A model of your own can do without.")
 ]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
@@ -95,9 +95,7 @@ def simulate(
 def identify(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
     model: Model,
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; a model of your own has them itself.")
-    ] = None,
+    vehicle: VehicleBeside = None,
     channels: Channels = None,
     start: From = None,
     stop: To = None,

@@ -32,7 +32,7 @@ SCHEMA = "flightid/comparison/1"
 def identify_record(request: Request, method: str, out: Path | None, figures: bool) -> None:
     """Read, identify, write the study, print."""
     from scenarios.files.measured.record_file import read_record_file
-    from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+    from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
     from scenarios.preparation.plausibility import refuse_still
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
@@ -40,7 +40,7 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
     refuse_unknown_model(request.model, "--model")
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    vehicle = read_vehicle(request.vehicle, request.model)
+    vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     file = read_record_file(request.records[0])
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
