@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.declarations import closest, toml_of
 from scenarios.files.python_files import WANTED, run_python
@@ -37,6 +39,25 @@ def is_model_file(name: str) -> bool:
 def is_own(model: Model) -> bool:
     """Whether a model is a user's own: its signals mean what its file says, whatever their names."""
     return isinstance(model.equations, OwnEquations)
+
+
+def inputs_at_rest(model: Model) -> list[float]:
+    """The inputs about which a model is tried: zero unless its file says otherwise."""
+    equations = model.equations
+    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
+    return [declared.get(signal.name, 0.0) for signal in equations.inputs]
+
+
+def moves_about_rest(model: Model) -> bool:
+    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
+    return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
+
+
+def unit_in(model: Model, name: str) -> str:
+    """The unit that a model declares for a state, an input, an output or a parameter; 1 where it has no such name."""
+    e = model.equations
+    signals = {signal.name: signal.unit for signal in (*e.states, *e.inputs, *e.outputs)}
+    return signals[name] if name in signals else model.parameters[name].unit if name in model.parameters else "1"
 
 
 def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:

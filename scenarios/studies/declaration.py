@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from scenarios.files.sources import InputFile
+from sim.declaration.model import Model
+
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -33,7 +36,7 @@ class Flight:
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle. modes : elastic modes that act.
+    vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true values. modes : elastic modes that act.
     duration, rate : s, 1/s. maneuvers : in order; several on one input add up.
     step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
     process_noise : spectral densities of forcing that really acts, by state or parameter.
@@ -49,6 +52,7 @@ class Flight:
     step: float = 0.001
     integration: str = "rk4"
     process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    own: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class Estimation:
     Attributes
     ----------
     name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
-    model, modes : estimation model. outputs : those used.
+    model, modes : estimation model; of a user's file ``own``, as the file declares it. outputs : those used.
     method : ``"ekf"``, ``"ukf"``, ``"output-error"`` or ``"equation-error"``.
     start : starting values and priors of the free parameters. initial : of the states.
     held : parameters that are not estimated and not constants of the vehicle.
@@ -101,6 +105,7 @@ class Estimation:
     explanation: str = ""
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    own: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,7 @@ class Scenario:
         an estimation's model lacks.
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
+    files : users' model files that it names, with their hashes.
     """
 
     name: str
@@ -127,3 +133,4 @@ class Scenario:
     condensed: bool = False
     display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
     seed: int = 1
+    files: tuple[InputFile, ...] = ()

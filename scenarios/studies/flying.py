@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
+from scenarios.files.own_models import inputs_at_rest
 from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
@@ -19,6 +21,7 @@ from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
 from sim.vehicles.library import read_parameter_set
 
+EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
 DISTANCES = {
@@ -31,7 +34,8 @@ DISTANCES = {
 
 def true_model(flight: Flight) -> Model:
     """The vehicle that really flies, with its noise."""
-    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+    noise = Noise(flight.noise_std, flight.process_noise)
+    return vehicle_model(flight.vehicle, flight.modes, noise) if flight.own is None else flight.own.with_noise(noise)
 
 
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
@@ -61,7 +65,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     for name in flight.noise_std:
         if name not in outputs:
             raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
-    by_input = maneuvers_by_input(flight.maneuvers, inputs, place)
+    by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
     time = sample_times(flight.rate, flight.duration)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
     return fly(
@@ -77,14 +81,22 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     )
 
 
-def maneuvers_by_input(plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str) -> dict[str, Maneuver]:
-    """What moves each input; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+def resting(model: Model) -> dict[str, float]:
+    """Where the inputs of an own model rest, by name, where that is not zero."""
+    names = [signal.name for signal in model.equations.inputs]
+    return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
+
+
+def maneuvers_by_input(
+    plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str, rest: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, Maneuver]:
+    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
 
     Raises
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there.
     """
-    by_input: dict[str, Sum] = {}
+    by_input = {name: Sum((step(value, EVER),)) for name, value in rest.items()}
     for number, plan in enumerate(plans, start=1):
         if plan.input not in inputs:
             known = ", ".join(sorted(inputs)) or "none"
@@ -107,7 +119,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
     ------
     DeclarationError : a number that the kind needs is missing, or one is given that it does not take.
     """
-    needed, build = _KINDS[plan.kind]
+    needed, build = KINDS[plan.kind]
     for name in needed:
         if name not in plan.numbers:
             raise DeclarationError(f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}")
@@ -117,7 +129,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
     return build(plan.numbers)
 
 
-_KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
+KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
     "3-2-1-1": (("amplitude", "unit"), lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"])),
     "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
     "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),

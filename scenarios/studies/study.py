@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
+from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
 from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again, true_model
@@ -123,6 +124,6 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     )
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-    derived = modal_estimate(compiled(estimation, model), estimate) if estimation.model != "ballistic" else {}
+    derived = modal_estimate(compiled(estimation, model), estimate) if estimation.model != "ballistic" and moves_about_rest(model) else {}
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
     return MethodResult(result, rows, derived, fixed, tests)
