@@ -249,11 +249,15 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="O
 @app.command()
 def models(
     name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="One model, or a file with one of your own, which is run.")] = None,
+    example: Annotated[bool, typer.Option("--example", help="Print the file of a model of one's own, to copy and edit.")] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
-    from scenarios.commands.models import show_models
+    from scenarios.commands.models import show_example, show_models
 
-    show_models(name)
+    if example:
+        show_example(name)
+    else:
+        show_models(name)
 
 
 @app.command()

@@ -63,17 +63,7 @@ def _print(campaign: Campaign) -> None:
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
     table = Table(title=title, title_justify="left")
-    for heading in (
-        "parameter",
-        "unit",
-        "reference",
-        "bias",
-        "scatter",
-        "reported sigma",
-        "within 1 sigma",
-        "within 2 sigma",
-        "95 % interval of that",
-    ):
+    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported", "in 1 sigma", "within 2 sigma", "95 % interval"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
     for s in (*campaign.spreads, campaign.pooled):
         low, high = s.interval

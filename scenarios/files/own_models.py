@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model
 from sim.declaration.own_equations import OwnEquations
+from sim.declaration.own_trial import Starts, parameters_asked
 from sim.errors import DeclarationError, ModelError
 
 SUFFIX = ".py"
@@ -82,7 +84,22 @@ def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel
         if name in model.parameters and not model.parameters[name].free:
             raise DeclarationError(f"a constant {name!r} has no place in a vehicle file", where=where, remedy="give it another name")
     equations: Any = model.equations
+    _refuse_unused(model, equations, source)
     return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+
+
+def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
+    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for it, and nowhere in the file is it spelt as one."""
+    rest = dict(zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True))
+    signals = {TIME: 0.0, **{item.name: item.value for item in model.initial}, **rest, **{port.name: 0.0 for port in equations.ports}}
+    asked = parameters_asked(equations, Starts(signals, {item.name: item.value for item in model.parameters}))
+    nodes = [*ast.walk(ast.parse(source.content))]
+    spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    for name in model.parameters.free_names:
+        if name not in asked and name not in spelt:
+            lines = [node.lineno for node in nodes if isinstance(node, ast.Constant) and node.value == name]
+            where = f"{source.path}{f', line {lines[0]}' if lines else ''}: model {model.name}, parameters, {name}"
+            raise DeclarationError("it is in no equation", where=where, remedy="use it, or leave it out")
 
 
 def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model]:

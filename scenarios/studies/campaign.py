@@ -15,6 +15,7 @@ from scenarios.studies.estimating import compiled, declared_model, estimate_reco
 from scenarios.studies.flying import fly_scenario, measured_again
 from scenarios.studies.study import assumed_noise, references
 from sim.declaration.system import System
+from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
@@ -78,6 +79,9 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
     reference = {item.name: item.value for item in truth.parameters}
     reference |= references(scenario, estimation)
     units = {item.name: item.unit for item in model.parameters}
+    if np.sum(sound) < 2:
+        what = f"{np.sum(~sound)} of {runs} runs broke down"
+        raise ModelError(what, where=f"estimation {estimation.name}", remedy="give it other starting values, or a flight that tells more")
     values, std = values[:, sound], std[:, sound]
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)

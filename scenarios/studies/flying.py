@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -13,7 +14,7 @@ from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
 from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.maneuvers.steps import Maneuver, MultiStep, Sum, doublet, pulse, step, three_two_one_one
 from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
@@ -22,6 +23,7 @@ from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, ri
 from sim.vehicles.library import read_parameter_set
 
 EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
+SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
 DISTANCES = {
@@ -67,6 +69,8 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
             raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
     by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
     time = sample_times(flight.rate, flight.duration)
+    if flight.own is not None:
+        by_input = held_alike(by_input, flight.maneuvers, time)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
     return fly(
         model,
@@ -104,6 +108,18 @@ def maneuvers_by_input(
         before = by_input.get(plan.input, Sum())
         by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
     return {**by_input}
+
+
+def held_alike(by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray) -> dict[str, Maneuver]:
+    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by sample.
+
+    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the other way a step is half a sample late.
+    """
+    smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
+    if not smooth or all(plan.kind in SMOOTH for plan in plans):
+        return {**by_input}
+    times = (EVER, *time[1:].tolist(), math.inf)
+    return {**by_input, **{name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times) for name in smooth}}
 
 
 def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import maneuvers_by_input, resting
+from scenarios.studies.flying import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
 from sim.declaration.model import Model
@@ -80,6 +80,8 @@ def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: 
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
     time = sample_times(flight.rate, plan.duration)
+    if flight.own is not None:
+        by_input = held_alike(by_input, plan.maneuvers, time)
     record, _ = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
     return record
 

@@ -29,6 +29,7 @@ FINER = 5.0  # steps of the truth between two samples, and halves of the step th
 SETTLING = 6.0  # half doublets behind the last maneuver
 SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
 WRONG = 0.3  # share by which starts are off, as in tracing scenarios
+MOST_STEPS = 2e6  # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred megabytes
 FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for another
 
 
@@ -134,7 +135,11 @@ def _planned(asked: OwnFlight) -> _Planned:
     if not noise:
         raise DeclarationError("no output moves", where="--noise", remedy="name the outputs that are measured, --noise NAME=SIZE")
     values = {item.name: item.value for item in model.parameters} if asked.vehicle is not None else {}
-    return _Planned(model, values, maneuvers, noise, duration, rate, _true_step(model, rate))
+    step = _true_step(model, rate)
+    if duration / step > MOST_STEPS:
+        what = f"{duration:.3g} s in steps of {step:.2g} s are {duration / step:.1g} steps"
+        raise DeclarationError(what, where="--duration, --rate", remedy="fly a shorter record, or fewer samples a second")
+    return _Planned(model, values, maneuvers, noise, duration, rate, step)
 
 
 def _usual_noise(model: Model, motion: Motion) -> dict[str, float]:

@@ -16,7 +16,7 @@ from scenarios.studies.quantities import positive, si
 from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model
 from sim.effects.library import effects_for
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, ModelError
 
 LENGTHS = {"3-2-1-1": 7.0, "doublet": 2.0, "pulse": 1.0}  # in units
 LONG = 2.0 * BETWEEN  # half doublets, of a sweep or a multisine
@@ -45,7 +45,10 @@ def maneuver_words(words: Sequence[str], model: Model, motion: Motion, pulse: fl
             raise DeclarationError(f"there is no maneuver {kind!r}", where=where, remedy=closest(kind, KINDS))
         needed = KINDS[kind][0]
         numbers = {**_usual(needed, motion.amplitudes[name], pulse, place, len(words)), **_numbers(given, unit_in(model, name), where)}
-        maneuver_of(ManeuverPlan(name, kind, numbers), where)
+        try:
+            maneuver_of(ManeuverPlan(name, kind, numbers), where)
+        except ModelError as fault:
+            raise DeclarationError(fault.what, where=where, remedy=fault.remedy) from None
         length = numbers.get("duration", LENGTHS.get(kind, BETWEEN) * numbers.get("unit", pulse))
         end = max(end, numbers["start"] + length)
         out.append({"input": name, "kind": kind, **numbers})
