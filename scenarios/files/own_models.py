@@ -22,6 +22,7 @@ from sim.errors import DeclarationError, ModelError
 
 SUFFIX = ".py"
 NOT_KEYS = ("name", "derivatives")  # of a vehicle file, which a constant's would hide
+SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
 
@@ -41,6 +42,18 @@ def is_model_file(name: str) -> bool:
 def is_own(model: Model) -> bool:
     """Whether a model is a user's own: its signals mean what its file says, whatever their names."""
     return isinstance(model.equations, OwnEquations)
+
+
+def is_of_aircraft(model: Model) -> bool:
+    """Whether a model speaks of an aircraft's short period: built in, or with its channels and its airspeed by their names and in their units.
+
+    Of such an own model the kinematics say what they say of a built-in one, and its channels have the same words.
+    """
+    if not is_own(model):
+        return True
+    outputs = {signal.name: signal.unit for signal in model.equations.outputs}
+    speed = "airspeed" in model.parameters and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
+    return speed and all(outputs.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD)
 
 
 def inputs_at_rest(model: Model) -> list[float]:
