@@ -157,7 +157,7 @@ def _refuse_unknown_starts(scenario: TraceScenario, known: Collection[str]) -> N
     unknown = set(scenario.start) - set(known)
     if unknown:
         what = f"there is no {', '.join(sorted(unknown))}"
-        raise DeclarationError(what, where=f"{scenario.name}, key estimate.start", remedy=f"use {', '.join(known)}")
+        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(known)}")
 
 
 def _mode_of(name: str) -> int:
