@@ -29,6 +29,7 @@ FINER = 5.0  # steps of the truth between two samples, and halves of the step th
 SETTLING = 6.0  # half doublets behind the last maneuver
 SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
 WRONG = 0.3  # share by which starts are off, as in tracing scenarios
+PASSES, SPREAD = 5, 20.0  # of a filter, if one is chosen: from starts so far off a single pass believes its first slopes
 MOST_STEPS = 2e6  # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred megabytes
 FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for another
 
@@ -100,6 +101,8 @@ def study_document(asked: OwnFlight) -> dict[str, Any]:
             "label": "output error",
             "model": asked.model,
             "method": "output-error",
+            "passes": PASSES,
+            "spread": SPREAD,
             "max_step": step_of(plan.model, 1.0 / plan.rate, FIT_STEP),
             "start": {name: {"value": started[name].value, "std": started[name].prior_std} for name in wrong},
         },
