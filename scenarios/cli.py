@@ -42,8 +42,25 @@ Model = Annotated[
 ]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
 VehicleBeside = Annotated[
-    Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; else vehicle.toml beside the first record.")
+    Path | None,
+    typer.Option(
+        "--vehicle",
+        metavar="V.toml",
+        help="Constants and starting values; else vehicle.toml beside the first record, if any.",
+    ),
 ]
+Scenario = Annotated[str | None, typer.Argument(metavar="[NAME]", help="A scenario; none beside --model.")]
+OwnModel = Annotated[str | None, typer.Option("--model", metavar="FILE.py", help="A model of your own flies instead of a scenario; its file is run.")]
+TrueValues = Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="With --model: true values; else those of its file.")]
+Inputs = Annotated[
+    list[str] | None,
+    typer.Option("--input", metavar="NAME=KIND,KEY=VALUE,...", help="With --model, again for each maneuver; else a doublet on each input."),
+]
+Noise = Annotated[
+    list[str] | None, typer.Option("--noise", metavar="OUTPUT=SIZE", help="With --model: standard deviation; else 1 % of its largest move.")
+]
+Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help="With --model: length of the record, s.")]
+SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
 Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
 Class = Annotated[str | None, typer.Option("--class", metavar="I..IV", help="Class of the aircraft, for levels of flying qualities; II-C: carrier.")]
 Category = Annotated[str | None, typer.Option("--category", metavar="A|B|C", help="Category of the flight phase: A rapid, B gradual, C terminal.")]
@@ -82,24 +99,33 @@ def run(
 
 @app.command()
 def simulate(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A scenario.")],
     out: Annotated[Path, typer.Option("--out", metavar="RECORD.csv", help="The file to write.")],
+    name: Scenario = None,
     seed: Seed = None,
     changes: Changes = None,
+    model: OwnModel = None,
+    vehicle: TrueValues = None,
+    inputs: Inputs = None,
+    noise: Noise = None,
+    hidden: Annotated[
+        list[str] | None, typer.Option("--hide", metavar="EFFECT.KEY=VALUE", help="With --model: an effect that acts and is not told.")
+    ] = None,
+    duration: Duration = None,
+    rate: SampleRate = None,
 ) -> None:
-    """The record of a scenario alone."""
-    from scenarios.commands.run import simulate_scenario
+    """The record of a scenario alone, or of a flight of a model of your own."""
+    from scenarios.commands.arguments import scenario_or_own
+    from scenarios.commands.run import simulate as simulate_what
 
-    simulate_scenario(name, out, seed, changes or [])
+    what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
+    simulate_what(what, out, seed, changes or [])
 
 
 @app.command()
 def identify(
     record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
     model: Model,
-    vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; a model of your own has them itself.")
-    ] = None,
+    vehicle: VehicleBeside = None,
     channels: Channels = None,
     start: From = None,
     stop: To = None,
@@ -200,16 +226,27 @@ def watch(
 
 @app.command()
 def campaign(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A scenario.")],
     runs: Annotated[int, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")],
+    name: Scenario = None,
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
+    model: OwnModel = None,
+    vehicle: TrueValues = None,
+    inputs: Inputs = None,
+    noise: Noise = None,
+    duration: Duration = None,
+    rate: SampleRate = None,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
-    from scenarios.commands.campaign import run_campaign
+    from scenarios.commands.arguments import scenario_or_own
+    from scenarios.commands.campaign import own_campaign, run_campaign
 
-    run_campaign(name, runs, seed, out, changes or [])
+    what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
+    if isinstance(what, str):
+        run_campaign(what, runs, seed, out, changes or [])
+    else:
+        own_campaign(what, runs, seed, out, changes or [])
 
 
 @app.command()
@@ -223,11 +260,15 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="O
 @app.command()
 def models(
     name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="One model, or a file with one of your own, which is run.")] = None,
+    example: Annotated[bool, typer.Option("--example", help="Print the file of a model of one's own, to copy and edit.")] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
-    from scenarios.commands.models import show_models
+    from scenarios.commands.models import show_example, show_models
 
-    show_models(name)
+    if example:
+        show_example(name)
+    else:
+        show_models(name)
 
 
 @app.command()

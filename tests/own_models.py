@@ -69,6 +69,62 @@ MODEL = own_model(
     readings=lambda s, p: {"p": s.p, "r": s.r, "beta": s.beta, "phi": s.phi},
 )
 '''
+SHORT_PERIOD = '''"""The rigid short period as a user would write it, with the ports of the built-in one."""
+
+from sim.declaration import own_model
+from sim.maths.constants import G0
+
+
+def flow(s, p):
+    V = p.airspeed + s.airspeed_change
+    pressure_area = 0.5 * (p.air_density + s.density_change) * V * V * p.wing_area
+    alpha_air, q_hat = s.alpha + s.gust, s.q * p.chord / (2.0 * V)
+    return {"V": V, "alpha_air": alpha_air, "q_hat": q_hat, "pressure_area": pressure_area}
+
+
+def CL(s, p):
+    return p.CL_alpha * s.alpha_air + p.CL_q * s.q_hat + p.CL_de * s.elevator + s.lift
+
+
+def rates(s, p):
+    Cm = p.Cm_alpha * s.alpha_air + p.Cm_q * s.q_hat + p.Cm_de * s.elevator + s.moment
+    return {
+        "alpha": s.q - s.pressure_area * CL(s, p) / (p.mass * s.V),
+        "q": s.pressure_area * p.chord * Cm / p.pitch_inertia,
+    }
+
+
+def readings(s, p):
+    return {"alpha": s.alpha_air, "q": s.q, "nz": s.pressure_area * CL(s, p) / (p.mass * G0)}
+
+
+MODEL = own_model(
+    name="short period",
+    states={"alpha": "rad", "q": "rad/s"},
+    inputs={"elevator": "rad"},
+    outputs={"alpha": "rad", "q": "rad/s", "nz": "g"},
+    ports={"gust": "rad", "airspeed_change": "m/s", "density_change": "kg/m3", "lift": "1", "moment": "1"},
+    constants={
+        "mass": (1.0, "kg"),
+        "wing_area": (1.0, "m2"),
+        "chord": (1.0, "m"),
+        "pitch_inertia": (1.0, "kg m2"),
+        "airspeed": (100.0, "m/s"),
+        "air_density": (1.0, "kg/m3"),
+    },
+    parameters={
+        "CL_alpha": (5.0, "1/rad"),
+        "CL_q": (5.0, "1/rad"),
+        "CL_de": (0.4, "1/rad"),
+        "Cm_alpha": (-1.0, "1/rad"),
+        "Cm_q": (-10.0, "1/rad"),
+        "Cm_de": (-1.0, "1/rad"),
+    },
+    flow=flow,
+    rates=rates,
+    readings=readings,
+)
+'''
 ROLL_DECLARED: dict[str, Any] = {
     "name": "roll",
     "states": {"p": "rad/s", "phi": "rad"},

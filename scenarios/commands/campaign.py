@@ -6,12 +6,26 @@ import csv
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scenarios.commands.failures import named_after
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
+from scenarios.studies.declaration import Scenario
+
+if TYPE_CHECKING:
+    from scenarios.trials.planted.own_flight import OwnFlight
 
 LOOP = ("false-alarms", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
+
+
+def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+    """The same of a user's own model in a flight that the command line describes."""
+    from scenarios.studies.catalogue import with_changes
+    from scenarios.studies.schema import scenario_of
+    from scenarios.trials.planted.own_flight import study_document
+
+    scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
+    _run(scenario, asked.model, runs, seed, out)
 
 
 def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
@@ -28,8 +42,11 @@ def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, chang
 
         standin_campaign(name, runs, seed, out, changes)
         return
-    scenario = load_scenario(name, changes)
-    with named_after(scenario_file(name)):
+    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out)
+
+
+def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None) -> None:
+    with named_after(file):
         campaign = fly_campaign(scenario, runs, seed)
     _print(campaign)
     if out is not None:
@@ -46,12 +63,12 @@ def _print(campaign: Campaign) -> None:
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
     table = Table(title=title, title_justify="left")
-    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported sigma", "within 2 sigma", "95 % interval of that"):
+    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported", "in 1 sigma", "within 2 sigma", "95 % interval"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
     for s in (*campaign.spreads, campaign.pooled):
         low, high = s.interval
-        share = f"{100 * s.within_two:.1f} %"
-        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported), share]
+        shares = [f"{100 * share:.1f} %" for share in (s.within_one, s.within_two)]
+        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported), *shares]
         table.add_row(s.name, s.unit, *cells, f"{100 * low:.1f} to {100 * high:.1f} %")
     terminal.print(table)
     if campaign.broken:
@@ -77,7 +94,11 @@ def _write(campaign: Campaign, out: Path) -> None:
             "runs": len(campaign.seeds),
             "broken": campaign.broken,
             "parameters": {s.name: _spread(s) for s in campaign.spreads},
-            "pooled": {"within_two_sigma": campaign.pooled.within_two, "interval": list(campaign.pooled.interval)},
+            "pooled": {
+                "within_one_sigma": campaign.pooled.within_one,
+                "within_two_sigma": campaign.pooled.within_two,
+                "interval": list(campaign.pooled.interval),
+            },
             "versions": versions(),
         }
         write_json(scratch / "campaign.json", content)
@@ -90,6 +111,7 @@ def _spread(s: Spread) -> dict[str, Any]:
         "bias": s.bias,
         "scatter": s.scatter,
         "reported_std": s.reported,
+        "within_one_sigma": s.within_one,
         "within_two_sigma": s.within_two,
         "interval": list(s.interval),
     }

@@ -34,7 +34,7 @@ SCHEMA = "flightid/comparison/1"
 def identify_record(request: Request, method: str, out: Path | None, figures: bool, matrices: Path | None = None) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_file
-    from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
+    from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
     from scenarios.identification.state_space import refuse_format, state_space_of, write_state_space
     from scenarios.preparation.plausibility import refuse_still
     from scenarios.preparation.reading import prepare
@@ -45,7 +45,7 @@ def identify_record(request: Request, method: str, out: Path | None, figures: bo
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     if matrices is not None:
         refuse_format(matrices)
-    vehicle = read_vehicle(request.vehicle, request.model)
+    vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
     file = read_record_file(request.records[0])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from scenarios.files.own_models import is_model_file, read_own_model
 from scenarios.files.vehicles import MODELS, refuse_unknown_model
 from scenarios.terminal.plain_tables import wrapped
 from sim.declaration.effect import Signal, Station
-from sim.errors import ModelError
+from sim.errors import DeclarationError, ModelError
 
 if TYPE_CHECKING:
     from sim.declaration.model import Equations, Model
@@ -48,6 +49,13 @@ def show_models(name: str | None) -> None:
     _print_equations(own.model.equations, held, free, own.model)
     print()
     print_checks(own.model)
+
+
+def show_example(name: str | None) -> None:
+    """The file of the scenario ``own-model`` as it stands, so that ``flightid models --example > my_model.py`` makes a copy to edit."""
+    if name is not None:
+        raise DeclarationError(f"a model is named as well, {name!r}", where="--example", remedy="leave one of the two out")
+    print(files("scenarios").joinpath("catalog", "own_model.py").read_text(encoding="utf-8"), end="")
 
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:

@@ -1,25 +1,45 @@
-"""`flightid simulate` of tracing scenarios."""
+"""`flightid simulate` of tracing scenarios and of users' own models."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scenarios.commands.failures import named_after
 
+if TYPE_CHECKING:
+    from scenarios.trials.planted.declaration import TraceScenario
+    from scenarios.trials.planted.own_flight import OwnFlight
+
 
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
-    """Write both records and the vehicle file that the loop is given, the truth left out.
+    """Write what the loop is given of a tracing scenario, as ``_write``."""
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
+
+
+def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> None:
+    """Write what the loop is given of a user's own model in a flight that the command line describes, as ``_write``."""
+    from scenarios.studies.catalogue import with_changes
+    from scenarios.trials.planted.own_flight import trace_document
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    document = with_changes(trace_document(asked), changes)
+    _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
+
+
+def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> None:
+    """Both records and the vehicle file that the loop is given, the truth left out; ``file`` declares the scenario.
 
     ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and ``record_vehicle.toml``.
     """
     from scenarios.files.writing import write_record
-    from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.planted.flights import fly_trace
-    from scenarios.trials.planted.schema import trace_scenario_of
 
-    scenario = trace_scenario_of(*load_document(name, changes))
-    with named_after(scenario_file(name)):
+    with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_record(out.parent, flown.train, out.stem)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.commands.failures import named_after
 from scenarios.commands.jsbsim import simulate_jsbsim
-from scenarios.commands.planted import simulate_trace
+from scenarios.commands.planted import simulate_own, simulate_trace
 from scenarios.commands.standin import simulate_standin
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
+    from scenarios.trials.planted.own_flight import OwnFlight
     from sim.record import Record
 
 Progress = Callable[[str, float], None]
@@ -145,19 +146,22 @@ _LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
 }
 
 
-def simulate_scenario(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
-    """Write the record of a scenario, its truth left out."""
+def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> None:
+    """Write the record of a scenario, or of a flight of a user's own model, its truth left out."""
     from scenarios.files.writing import write_record
     from scenarios.studies.catalogue import scenario_kind
 
     if out.suffix != ".csv":
         raise DeclarationError(f"{out.suffix or 'no'} ending", where=str(out), remedy="name a .csv file")
     try:
-        whole = {"standin": simulate_standin, "trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(name))
-        if whole is not None:
-            whole(name, out, seed, changes)
+        if not isinstance(what, str):
+            simulate_own(what, out, seed, changes)
             return
-        record = _record(name, seed, changes)
+        whole = {"standin": simulate_standin, "trace": simulate_trace, "jsbsim": simulate_jsbsim}.get(scenario_kind(what))
+        if whole is not None:
+            whole(what, out, seed, changes)
+            return
+        record = _record(what, seed, changes)
         out.parent.mkdir(parents=True, exist_ok=True)
         write_record(out.parent, record, out.stem)
     except OSError as error:

@@ -18,14 +18,14 @@ from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK
 from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
-from scenarios.files.own_models import channel_units, is_model_file
+from scenarios.files.own_models import channel_units, is_model_file, is_of_aircraft, moves_about_rest
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.preparation.request import Request, column_choices, flown_of
-from scenarios.preparation.vehicle_model import moves_about_rest, outputs_with_bias, step_for
+from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -232,7 +232,8 @@ def _witness(opened: _Opened, posed: _Posed, plan: Plan) -> KinematicWitness:
 
     Its word counts where causes are ranked, and what is held out takes no part in that.
     """
-    if opened.vehicle.model not in KINEMATIC:
+    own = opened.vehicle.own
+    if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in KINEMATIC):
         return KinematicWitness(None)
     parts = [(file, segment) for file in opened.records for segment in plan.segments]
     if len(posed.records) == 1:

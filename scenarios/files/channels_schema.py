@@ -32,9 +32,6 @@ _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
 
 def channel_map(known: Sequence[str]) -> type[BaseModel]:
-    """The schema of a map of these channels; a name that pydantic needs for itself, which an own model may use, stands behind an alias."""
-    fields: dict[str, Any] = {}
-    for place, name in enumerate(known):
-        taken = hasattr(BaseModel, name) or name.startswith("model_")
-        fields[f"channel_{place}" if taken else name] = (_Entry, Field(None, alias=name) if taken else None)
+    """The schema of a map of these channels, each behind an alias: an own model may use names that pydantic needs for itself."""
+    fields: dict[str, Any] = {f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(known)}
     return create_model("ChannelMap", __config__=STRICT, **fields)

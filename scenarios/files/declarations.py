@@ -128,7 +128,8 @@ def _schema_at(schema: type[BaseModel], location: Iterable[str | int]) -> type[B
 
     table: type[BaseModel] | None = schema
     for part in location:
-        field = table.model_fields.get(str(part)) if table is not None else None
+        fields = {field.alias or name: field for name, field in table.model_fields.items()} if table is not None else {}
+        field = fields.get(str(part))
         options = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
         table = next((option for option in options if isinstance(option, type) and issubclass(option, BaseModel)), None)
     return table

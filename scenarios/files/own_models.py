@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.declarations import closest, toml_of
@@ -14,10 +17,12 @@ from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model
 from sim.declaration.own_equations import OwnEquations
+from sim.declaration.own_trial import Starts, parameters_asked
 from sim.errors import DeclarationError, ModelError
 
 SUFFIX = ".py"
 NOT_KEYS = ("name", "derivatives")  # of a vehicle file, which a constant's would hide
+SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
 
@@ -37,6 +42,37 @@ def is_model_file(name: str) -> bool:
 def is_own(model: Model) -> bool:
     """Whether a model is a user's own: its signals mean what its file says, whatever their names."""
     return isinstance(model.equations, OwnEquations)
+
+
+def is_of_aircraft(model: Model) -> bool:
+    """Whether a model speaks of an aircraft's short period: built in, or with its channels and its airspeed by their names and in their units.
+
+    Of such an own model the kinematics say what they say of a built-in one, and its channels have the same words.
+    """
+    if not is_own(model):
+        return True
+    outputs = {signal.name: signal.unit for signal in model.equations.outputs}
+    speed = "airspeed" in model.parameters and model.parameters["airspeed"].unit == CHANNEL_UNITS["airspeed"]
+    return speed and all(outputs.get(name) == CHANNEL_UNITS[name] for name in SHORT_PERIOD)
+
+
+def inputs_at_rest(model: Model) -> list[float]:
+    """The inputs about which a model is tried: zero unless its file says otherwise."""
+    equations = model.equations
+    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
+    return [declared.get(signal.name, 0.0) for signal in equations.inputs]
+
+
+def moves_about_rest(model: Model) -> bool:
+    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
+    return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
+
+
+def unit_in(model: Model, name: str) -> str:
+    """The unit that a model declares for a state, an input, an output or a parameter; 1 where it has no such name."""
+    e = model.equations
+    signals = {signal.name: signal.unit for signal in (*e.states, *e.inputs, *e.outputs)}
+    return signals[name] if name in signals else model.parameters[name].unit if name in model.parameters else "1"
 
 
 def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
@@ -61,7 +97,22 @@ def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel
         if name in model.parameters and not model.parameters[name].free:
             raise DeclarationError(f"a constant {name!r} has no place in a vehicle file", where=where, remedy="give it another name")
     equations: Any = model.equations
+    _refuse_unused(model, equations, source)
     return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+
+
+def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
+    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for it, and nowhere in the file is it spelt as one."""
+    rest = dict(zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True))
+    signals = {TIME: 0.0, **{item.name: item.value for item in model.initial}, **rest, **{port.name: 0.0 for port in equations.ports}}
+    asked = parameters_asked(equations, Starts(signals, {item.name: item.value for item in model.parameters}))
+    nodes = [*ast.walk(ast.parse(source.content))]
+    spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    for name in model.parameters.free_names:
+        if name not in asked and name not in spelt:
+            lines = [node.lineno for node in nodes if isinstance(node, ast.Constant) and node.value == name]
+            where = f"{source.path}{f', line {lines[0]}' if lines else ''}: model {model.name}, parameters, {name}"
+            raise DeclarationError("it is in no equation", where=where, remedy="use it, or leave it out")
 
 
 def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model]:

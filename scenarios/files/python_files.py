@@ -31,7 +31,8 @@ def run_python(source: Source, kind: str) -> ModuleType:
     try:
         exec(compile(source.content, where, "exec", dont_inherit=True), module.__dict__)  # these bytes were hashed
     except FlightidError as error:
-        raise DeclarationError(str(error), where=f"{where}{_line(error, path)}", remedy="mend that place") from None
+        inside = f"{error.where}: " if error.where else ""
+        raise DeclarationError(f"{inside}{error.what}", where=f"{where}{_line(error, path)}", remedy=error.remedy) from None
     except (Exception, SystemExit) as error:  # the file is a user's, and anything may be wrong with it
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else _line(error, path)
         text = error.msg if isinstance(error, SyntaxError) else str(error)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenarios.preparation.vehicle_model import inputs_at_rest, root_sizes
+from scenarios.files.own_models import inputs_at_rest
+from scenarios.preparation.vehicle_model import root_sizes
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.system import System

@@ -13,13 +13,13 @@ from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
-from scenarios.files.own_models import is_own
+from scenarios.files.own_models import is_own, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification
 from scenarios.preparation.trim import of_totals
-from scenarios.preparation.vehicle_model import model_of_file, moves_about_rest, outputs_with_bias, step_for
+from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from scenarios.files.own_models import inputs_at_rest
 from scenarios.files.units import is_unit
 from scenarios.identification.example_motion import Motion, doublet_motion
-from scenarios.preparation.vehicle_model import inputs_at_rest
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.system import System

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenarios.files.own_models import is_own
+from scenarios.files.own_models import inputs_at_rest, is_own
+from scenarios.files.priors import with_priors
 from scenarios.files.vehicles import VehicleFile
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model
-from sim.declaration.own_equations import OwnEquations
 from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian
 from sim.record import Record
@@ -19,7 +19,6 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
-RELATIVE_PRIOR = 0.5
 SLOW = 1e-9  # rad/s, below which a root is an integrator
 RESOLVED = 0.15  # of a root's time: a Runge-Kutta step of that length is good to a millionth
 FINEST = 200.0  # sub-steps between samples: what is quicker still does not show
@@ -33,7 +32,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
     """
     if vehicle.own is not None:
-        return _with_prior(vehicle.own, list(vehicle.derivatives))
+        return with_priors(vehicle.own, list(vehicle.derivatives))
     values = {**vehicle.derivatives}
     constants = {**vehicle.constants}
     for number, mode in vehicle.modes:
@@ -46,7 +45,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     start = {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
     model = model_from_constants(kind, constants, values, modes=len(vehicle.modes), initial=start)
     free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
-    return _with_prior(model, free)
+    return with_priors(model, free)
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
@@ -59,11 +58,6 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
     return [name for name in outputs if name != "altitude"]
 
 
-def moves_about_rest(model: Model) -> bool:
-    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest, about which it need not move."""
-    return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
-
-
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
     """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a thousand times slower or faster than an aircraft's.
 
@@ -71,17 +65,14 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
     """
     if not is_own(model) or not records:
         return usual
-    interval = float(np.median(np.diff(records[0].time)))
+    return step_of(model, float(np.median(np.diff(records[0].time))), usual)
+
+
+def step_of(model: Model, interval: float, usual: float) -> float:
+    """That sub-step of an own model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     quick = RESOLVED / float(np.max(sizes)) if len(sizes) else math.inf
     return min(max(quick, interval / FINEST), usual if interval <= RARE * usual else interval)
-
-
-def inputs_at_rest(model: Model) -> list[float]:
-    """The inputs about which a model is tried: zero unless its file says otherwise."""
-    equations = model.equations
-    declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
-    return [declared.get(signal.name, 0.0) for signal in equations.inputs]
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
@@ -90,13 +81,6 @@ def root_sizes(system: System, u: list[float]) -> np.ndarray:
     slopes = complex_step_jacobian(lambda x: system.f(0.0, x, u, p), system.initial.values().tolist())
     sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
     return np.asarray(sizes[sizes > SLOW])
-
-
-def _with_prior(model: Model, free: Sequence[str]) -> Model:
-    parameters = model.parameters.only_free(free)
-    typical = max((abs(parameters[name].value) for name in free), default=1.0)
-    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or 0.01 * typical or 1.0) for name in free}
-    return model.with_parameters(parameters.with_prior(prior))
 
 
 def _coupling(name: str, modes: int) -> bool:

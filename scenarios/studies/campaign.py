@@ -15,6 +15,7 @@ from scenarios.studies.estimating import compiled, declared_model, estimate_reco
 from scenarios.studies.flying import fly_scenario, measured_again
 from scenarios.studies.study import assumed_noise, references
 from sim.declaration.system import System
+from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
@@ -27,7 +28,7 @@ class Spread:
     """One parameter over all runs.
 
     ``bias`` is mean error, ``scatter`` the standard deviation of the estimates, ``reported`` the root mean square of the
-    estimator's own sigma, ``within_two`` the share of 2-sigma intervals that hold the reference, ``interval`` its
+    estimator's own sigma, ``within_one`` and ``within_two`` the shares of its intervals that hold the reference, ``interval`` the latter's
     95 % confidence interval: of one parameter that of Clopper and Pearson over runs, of all together by resampling whole runs.
     """
 
@@ -37,6 +38,7 @@ class Spread:
     bias: float
     scatter: float
     reported: float
+    within_one: float
     within_two: float
     interval: tuple[float, float]
 
@@ -77,6 +79,9 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
     reference = {item.name: item.value for item in truth.parameters}
     reference |= references(scenario, estimation)
     units = {item.name: item.unit for item in model.parameters}
+    if np.sum(sound) < 2:
+        what = f"{np.sum(~sound)} of {runs} runs broke down"
+        raise ModelError(what, where=f"estimation {estimation.name}", remedy="give it other starting values, or a flight that tells more")
     values, std = values[:, sound], std[:, sound]
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
@@ -140,11 +145,13 @@ def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.
     error = values - reference
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
     scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
-    return Spread(name, unit, reference, float(error.mean()), scatter, reported, hits / len(values), clopper_pearson(hits, len(values)))
+    one = float(np.mean(np.abs(error) <= std))
+    return Spread(name, unit, reference, float(error.mean()), scatter, reported, one, hits / len(values), clopper_pearson(hits, len(values)))
 
 
 def _pooled(errors: np.ndarray) -> Spread:
     """All parameters together, from errors ``(n, N)`` in reported sigmas; those of one run are correlated."""
     hits = np.sum(np.abs(errors) <= 2.0, axis=0)
     interval = clustered_share(hits, np.full(len(hits), len(errors)), np.random.default_rng(RESAMPLING_SEED))
-    return Spread("all", "sigma", 0.0, float(errors.mean()), float(errors.std(ddof=1)), 1.0, float(hits.sum()) / errors.size, interval)
+    one, two = float(np.mean(np.abs(errors) <= 1.0)), float(hits.sum()) / errors.size
+    return Spread("all", "sigma", 0.0, float(errors.mean()), float(errors.std(ddof=1)), 1.0, one, two, interval)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
+from scenarios.files.own_models import is_model_file
 from scenarios.studies.declaration import Scenario
 from sim.errors import DeclarationError
 
@@ -73,17 +74,34 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
     """Content of a scenario's file with the changes made, its short name, and what messages call the file. Errors as ``load_scenario``."""
     where = scenario_file(name)
     if name.endswith(".toml"):
-        document, short = read_toml(name), Path(name).stem
+        document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
     else:
-        document, short = tomllib.loads(scenario_text(name)), name
-    for change in changes:
-        document = with_change(document, change)
-    return document, short, where
+        document, short = _beside(tomllib.loads(scenario_text(name)), Path(str(files("scenarios").joinpath("catalog")))), name
+    return with_changes(document, changes), short, where
+
+
+def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The document with users' model files that it names found in its own folder."""
+
+    def found(table: Any, key: str) -> Any:
+        named = table.get(key) if isinstance(table, dict) else None
+        return {**table, key: str(folder / named)} if isinstance(named, str) and is_model_file(named) else table
+
+    methods = document.get("methods")
+    out = {**document, **{table: found(document[table], key) for table, key in (("flight", "vehicle"), ("estimate", "model")) if table in document}}
+    return {**out, "methods": [found(each, "model") for each in methods]} if isinstance(methods, list) else out
 
 
 def _known(name: str) -> None:
     if name not in scenario_names():
         raise DeclarationError(f"there is no scenario {name!r}", where="flightid", remedy=closest(name, scenario_names()))
+
+
+def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """A scenario's content with each of the changes put in, as ``with_change``."""
+    for change in changes:
+        document = with_change(document, change)
+    return document
 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:

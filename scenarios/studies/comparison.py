@@ -35,6 +35,9 @@ def comparison(study: Study) -> dict[str, Any]:
         "notes": list(study.notes),
         "versions": versions(),
     }
+    if study.scenario.files:
+        files = study.scenario.files
+        out["inputs"] = {"models": [file.name for file in files], "models_sha256": [file.sha256 for file in files]}
     if study.flexibility is not None:
         out["flexibility"] = flexibility_content(study.flexibility)
     if len(study.methods) > 1:

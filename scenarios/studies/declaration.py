@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ident.flying_qualities.mode_levels import Flown
 
+from scenarios.files.sources import InputFile
+from sim.declaration.model import Model
+
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -36,7 +39,7 @@ class Flight:
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle. modes : elastic modes that act.
+    vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true values. modes : elastic modes that act.
     duration, rate : s, 1/s. maneuvers : in order; several on one input add up.
     step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
     process_noise : spectral densities of forcing that really acts, by state or parameter.
@@ -52,6 +55,7 @@ class Flight:
     step: float = 0.001
     integration: str = "rk4"
     process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    own: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Estimation:
     Attributes
     ----------
     name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
-    model, modes : estimation model. outputs : those used.
+    model, modes : estimation model; of a user's file ``own``, as the file declares it. outputs : those used.
     method : ``"ekf"``, ``"ukf"``, ``"output-error"`` or ``"equation-error"``.
     start : starting values and priors of the free parameters. initial : of the states.
     held : parameters that are not estimated and not constants of the vehicle.
@@ -104,6 +108,7 @@ class Estimation:
     explanation: str = ""
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    own: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +125,7 @@ class Scenario:
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
     seed : the default seed.
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
+    files : users' model files that it names, with their hashes.
     """
 
     name: str
@@ -132,3 +138,4 @@ class Scenario:
     display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
     seed: int = 1
     flown: Flown | None = None
+    files: tuple[InputFile, ...] = ()

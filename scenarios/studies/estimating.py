@@ -18,6 +18,7 @@ from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
 from scenarios.studies.declaration import Estimation, Start
 from scenarios.studies.flying import STEPS
+from scenarios.studies.own import own_biases, own_declared
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect
 from sim.declaration.model import Model, Noise
@@ -77,6 +78,8 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     ------
     DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name that is unknown.
     """
+    if estimation.own is not None:
+        return own_declared(estimation, noise_std)
     kind = _kind(estimation)
     place = f"estimation {estimation.name}"
     values = {**{name: start.value for name, start in estimation.start.items()}, **estimation.held}
@@ -95,7 +98,9 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
 
 
 def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
-    """The numbers of a built-in vehicle that an estimator may know: no derivative among them."""
+    """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and none where the model has its own."""
+    if estimation.own is not None:
+        return {}
     data = read_parameter_set(vehicle)
     names = list(_KINDS[_kind(estimation)].constants)
     names += [mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS]
@@ -106,8 +111,15 @@ def compiled(estimation: Estimation, model: Model) -> System:
     """The System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
     if estimation.method == "output-error":
-        model = model.with_biases([name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")])
+        model = model.with_biases(_biased(estimation, model))
     return compile_model(model, estimation.outputs, online=filtering)
+
+
+def _biased(estimation: Estimation, model: Model) -> list[str]:
+    """The outputs whose sensors have a free bias."""
+    if estimation.own is not None:
+        return own_biases(model, estimation.outputs)
+    return [name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")]
 
 
 def filter_settings(estimation: Estimation) -> FilterSettings:
@@ -124,7 +136,10 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
     elif estimation.method == "output-error":
         from ident.whole_record.output_error import FitSettings, fit_output_error
 
-        estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
+        # An own model may be a thousand times slower than an aircraft: what its scenario says is taken as it is.
+        told = estimation.own is not None and math.isfinite(estimation.max_step)
+        longest = estimation.max_step if told else min(FIT_STEP, estimation.max_step)
+        estimate = fit_output_error([record], system, FitSettings(max_step=longest, use_priors=estimation.use_priors))
     else:
         from ident.regression.equation_error import run_equation_error
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
+from scenarios.files.own_models import inputs_at_rest
 from scenarios.studies.declaration import Flight, ManeuverPlan, Scenario
 from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
 from sim.maneuvers.multisine import schroeder_multisine
-from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_one_one
+from sim.maneuvers.steps import Maneuver, MultiStep, Sum, doublet, pulse, step, three_two_one_one
 from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
@@ -19,6 +22,8 @@ from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
 from sim.vehicles.library import read_parameter_set
 
+EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
+SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
 DISTANCES = {
@@ -31,7 +36,8 @@ DISTANCES = {
 
 def true_model(flight: Flight) -> Model:
     """The vehicle that really flies, with its noise."""
-    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+    noise = Noise(flight.noise_std, flight.process_noise)
+    return vehicle_model(flight.vehicle, flight.modes, noise) if flight.own is None else flight.own.with_noise(noise)
 
 
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
@@ -61,8 +67,10 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     for name in flight.noise_std:
         if name not in outputs:
             raise DeclarationError(f"there is no output {name!r}", where=f"{place}.noise", remedy=f"its outputs are {', '.join(sorted(outputs))}")
-    by_input = maneuvers_by_input(flight.maneuvers, inputs, place)
+    by_input = maneuvers_by_input(flight.maneuvers, inputs, place, resting(model))
     time = sample_times(flight.rate, flight.duration)
+    if flight.own is not None:
+        by_input = held_alike(by_input, flight.maneuvers, time)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
     return fly(
         model,
@@ -77,14 +85,22 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     )
 
 
-def maneuvers_by_input(plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str) -> dict[str, Maneuver]:
-    """What moves each input; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
+def resting(model: Model) -> dict[str, float]:
+    """Where the inputs of an own model rest, by name, where that is not zero."""
+    names = [signal.name for signal in model.equations.inputs]
+    return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
+
+
+def maneuvers_by_input(
+    plans: Sequence[ManeuverPlan], inputs: Collection[str], place: str, rest: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, Maneuver]:
+    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is the key of the flight they belong to.
 
     Raises
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there.
     """
-    by_input: dict[str, Sum] = {}
+    by_input = {name: Sum((step(value, EVER),)) for name, value in rest.items()}
     for number, plan in enumerate(plans, start=1):
         if plan.input not in inputs:
             known = ", ".join(sorted(inputs)) or "none"
@@ -92,6 +108,18 @@ def maneuvers_by_input(plans: Sequence[ManeuverPlan], inputs: Collection[str], p
         before = by_input.get(plan.input, Sum())
         by_input[plan.input] = Sum((*before.parts, maneuver_of(plan, f"{place}.maneuvers[{number}]")))
     return {**by_input}
+
+
+def held_alike(by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray) -> dict[str, Maneuver]:
+    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by sample.
+
+    Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the other way a step is half a sample late.
+    """
+    smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
+    if not smooth or all(plan.kind in SMOOTH for plan in plans):
+        return {**by_input}
+    times = (EVER, *time[1:].tolist(), math.inf)
+    return {**by_input, **{name: MultiStep(tuple(np.asarray(by_input[name](time)).tolist()), times) for name in smooth}}
 
 
 def measured_again(record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int) -> Record:
@@ -107,7 +135,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
     ------
     DeclarationError : a number that the kind needs is missing, or one is given that it does not take.
     """
-    needed, build = _KINDS[plan.kind]
+    needed, build = KINDS[plan.kind]
     for name in needed:
         if name not in plan.numbers:
             raise DeclarationError(f"{name} is missing", where=where, remedy=f"a {plan.kind} needs {', '.join(needed)}")
@@ -117,7 +145,7 @@ def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
     return build(plan.numbers)
 
 
-_KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
+KINDS: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping], Maneuver]]] = {
     "3-2-1-1": (("amplitude", "unit"), lambda n: three_two_one_one(n["amplitude"], n["unit"], n["start"])),
     "doublet": (("amplitude", "unit"), lambda n: doublet(n["amplitude"], n["unit"], n["start"])),
     "pulse": (("amplitude", "unit"), lambda n: pulse(n["amplitude"], n["unit"], n["start"])),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from scenarios.files.own_models import unit_in
 from scenarios.files.units import to_si
+from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 Quantity = float | int | str
@@ -34,12 +36,17 @@ UNITS = {
 OWN_UNITS = {"lateral": {"beta": "rad"}}
 
 
-def unit_of(name: str, model: str = "") -> str:
-    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its own; 1 for a coefficient."""
+def unit_of(name: str, model: str | Model = "") -> str:
+    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its own; 1 for a coefficient.
+
+    A user's own model (``Model``) declares the units of all its names.
+    """
+    if isinstance(model, Model):
+        return unit_in(model, name)
     return OWN_UNITS.get(model, {}).get(name) or UNITS.get(name, "1")
 
 
-def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str = "") -> dict[str, float]:
+def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str], where: str, model: str | Model = "") -> dict[str, float]:
     """Noise by output of a model, SI, from standard deviations and variances."""
     out = {}
     for name, value in std.items():
@@ -51,7 +58,7 @@ def standard_deviations(std: Mapping[str, Quantity], variance: Mapping[str, str]
     return out
 
 
-def density(name: str, value: Quantity, where: str, model: str = "") -> float:
+def density(name: str, value: Quantity, where: str, model: str | Model = "") -> float:
     """A spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
     if not isinstance(value, str):
         return _not_negative(float(value), where)

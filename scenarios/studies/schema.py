@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
+from pydantic_core import PydanticCustomError
 
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
+from scenarios.files.own_models import OwnModel, is_model_file
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import Estimation, Flight, ManeuverPlan, PublishedChoice, Scenario, Start
-from scenarios.studies.quantities import UNITS, Quantity, density, positive, si, standard_deviations, unit_of
+from scenarios.studies.own import completed, model_files, truth_of
+from scenarios.studies.quantities import Quantity, density, positive, si, standard_deviations, unit_of
+from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]
+
+
+def model_name(*known: str) -> Callable[[str], str]:
+    """A check of what is fitted: one of the ``known`` models, or a user's model file."""
+
+    def checked_name(name: str) -> str:
+        if name not in known and not is_model_file(name):
+            context = {"what": f"there is no model {name!r}", "remedy": f"use one of {', '.join(known)}, or a Python file of your own"}
+            raise PydanticCustomError("model", "no model", context)
+        return name
+
+    return checked_name
 
 
 class _Strict(BaseModel):
@@ -43,6 +59,7 @@ class Maneuver(_Strict):
 
 class _Flight(_Strict):
     vehicle: Name
+    values: dict[str, Quantity] = {}
     duration: Quantity
     rate: Quantity
     modes: int = Field(default=0, ge=0)
@@ -63,12 +80,12 @@ class _Published(_Strict):
 class _Estimate(_Strict):
     name: Name = "main"
     label: str = ""
-    model: Literal["rigid", "flexible", "ballistic", "lateral", "longitudinal"]
+    model: Annotated[str, AfterValidator(model_name("rigid", "flexible", "ballistic", "lateral", "longitudinal"))]
     modes: int = Field(default=0, ge=0)
-    outputs: list[str] = Field(min_length=1)
+    outputs: list[str] | None = Field(default=None, min_length=1)
     method: Literal["ekf", "ukf", "output-error", "equation-error"] = "ekf"
-    start: dict[str, _Spread]
-    initial: dict[str, _Spread]
+    start: dict[str, _Spread] | None = None
+    initial: dict[str, _Spread] | None = None
     held: dict[str, Quantity] = {}
     noise_std: dict[str, Quantity] = {}
     noise_variance: dict[str, str] = {}
@@ -111,7 +128,9 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """
     content = checked(_Scenario, document, where)
     base = {key: value for key, value in document["estimate"].items()}
-    mains = [_estimation(content.estimate, "main", where)]
+    files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
+    flight = _flight(content.flight, content.estimate.model, where, files)
+    mains = [_estimation(content.estimate, "main", where, flight, files)]
     for number, change in enumerate(content.methods, start=1):
         merged = {**base, **change}
         for table in ("start", "initial", "held"):
@@ -122,8 +141,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
             raise DeclarationError(
                 f"the name {method.name!r} is taken", where=f"{where}, key methods[{number}].name", remedy="give each method a name of its own"
             )
-        mains.append(_estimation(method, method.name, where))
-    flight = _flight(content.flight, content.estimate.model, where)
+        mains.append(_estimation(method, method.name, where, flight, files))
     return Scenario(
         name,
         content.title,
@@ -135,48 +153,73 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         dict(content.display),
         content.seed,
         flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
+        tuple(file.identity for file in files.values()),
     )
 
 
-def _flight(flight: _Flight, model: str, where: str) -> Flight:
+def _flight(flight: _Flight, fitted: str, where: str, files: Mapping[str, OwnModel]) -> Flight:
     place = f"{where}, key flight"
+    own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
+    refuse_other_equations(own, fitted, where)
+    model = own or fitted
     rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return Flight(
         flight.vehicle,
         positive(si(flight.duration, "s", f"{place}.duration"), f"{place}.duration"),
         rate,
-        maneuver_plans(flight.maneuvers, place),
+        maneuver_plans(flight.maneuvers, place, model),
         standard_deviations(flight.noise_std, flight.noise_variance, place, model),
         flight.modes,
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
         {name: density(name, value, f"{place}.process_noise.{name}", model) for name, value in flight.process_noise.items()},
+        own,
     )
 
 
-def maneuver_plans(maneuvers: Sequence[Maneuver], place: str) -> tuple[ManeuverPlan, ...]:
-    """Maneuvers with their numbers in SI; ``place`` is the key of the flight they belong to."""
+def own_vehicle_of(vehicle: str, values: Mapping[str, Quantity], modes: int, place: str, files: Mapping[str, OwnModel]) -> Model | None:
+    """The own model that flies, with its true values; None where a built-in vehicle does, which has neither."""
+    if vehicle in files:
+        if modes:
+            raise DeclarationError(f"{modes} elastic modes asked for", where=f"{place}.modes", remedy="a model of your own has none")
+        return truth_of(files[vehicle].model, values, f"{place}.values")
+    if values:
+        raise DeclarationError("a built-in vehicle has its own values", where=f"{place}.values", remedy="leave them out, or name a model of your own")
+    return None
+
+
+def refuse_other_equations(own: Model | None, fitted: str, where: str) -> None:
+    """Raise DeclarationError where an own model flies and a built-in one is fitted, whose constants it need not have."""
+    if own is not None and not is_model_file(fitted):
+        what = f"a model of your own flies, and {fitted} is fitted"
+        raise DeclarationError(what, where=f"{where}, key estimate.model", remedy="name the same file, or another of yours")
+
+
+def maneuver_plans(maneuvers: Sequence[Maneuver], place: str, model: str | Model = "") -> tuple[ManeuverPlan, ...]:
+    """Maneuvers with their numbers in SI, or in the units of an own ``model``; ``place`` is the key of the flight they belong to."""
     plans = []
     for number, maneuver in enumerate(maneuvers, start=1):
         key = f"{place}.maneuvers[{number}]"
         given = maneuver.model_dump(exclude_none=True, exclude={"input", "kind"})
-        units = {"amplitude": UNITS.get(maneuver.input, "1"), "first_frequency": "rad/s", "last_frequency": "rad/s"}
+        units = {"amplitude": unit_of(maneuver.input, model), "first_frequency": "rad/s", "last_frequency": "rad/s"}
         numbers = {k: v if k == "harmonics" else si(v, units.get(k, "s"), f"{key}.{k}") for k, v in given.items()}
         plans.append(ManeuverPlan(maneuver.input, maneuver.kind, numbers))
     return tuple(plans)
 
 
-def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
+def _estimation(estimate: _Estimate, name: str, where: str, flight: Flight, files: Mapping[str, OwnModel]) -> Estimation:
     place = f"{where}, key {'estimate' if name == 'main' else f'methods {name}'}"
-    model = estimate.model
+    own = files[estimate.model].model if estimate.model in files else None
+    model = own or estimate.model
+    _refuse_missing(estimate, own, place)
     published = PublishedChoice(estimate.published.file, estimate.published.table, estimate.published.column) if estimate.published else None
-    return Estimation(
+    declared = Estimation(
         name=name,
         label=estimate.label or name,
-        model=model,
-        outputs=tuple(estimate.outputs),
-        start={key: _start(key, value, f"{place}.start.{key}", model) for key, value in estimate.start.items()},
-        initial={key: _start(key, value, f"{place}.initial.{key}", model) for key, value in estimate.initial.items()},
+        model=estimate.model,
+        outputs=tuple(estimate.outputs or ()),
+        start={key: _start(key, value, f"{place}.start.{key}", model) for key, value in (estimate.start or {}).items()},
+        initial={key: _start(key, value, f"{place}.initial.{key}", model) for key, value in (estimate.initial or {}).items()},
         method=estimate.method,
         modes=estimate.modes,
         held={key: si(value, unit_of(key, model), f"{place}.held.{key}") for key, value in estimate.held.items()},
@@ -191,10 +234,20 @@ def _estimation(estimate: _Estimate, name: str, where: str) -> Estimation:
         explanation=" ".join(estimate.explanation.split()),
         published=published,
         flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
+        own=own,
     )
+    return declared if own is None else completed(declared, flight.noise_std)
 
 
-def _start(name: str, spread: _Spread, where: str, model: str) -> Start:
+def _refuse_missing(estimate: _Estimate, own: Model | None, place: str) -> None:
+    """Raise DeclarationError where a built-in model is not told what only a file of one's own says itself."""
+    missing = [key for key in ("outputs", "start", "initial") if getattr(estimate, key) is None]
+    if own is None and missing:
+        word = "key" if len(missing) == 1 else "keys"
+        raise DeclarationError(f"{word} missing: {', '.join(missing)}", where=place, remedy="add " + ("it" if len(missing) == 1 else "them"))
+
+
+def _start(name: str, spread: _Spread, where: str, model: str | Model) -> Start:
     std = si(spread.std, unit_of(name, model), f"{where}.std")
     if not std > 0:
         raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")

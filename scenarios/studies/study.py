@@ -11,6 +11,7 @@ from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
 from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
+from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
 from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again, true_model
@@ -126,7 +127,8 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     )
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
-    derived = modal_estimate(compiled(estimation, model), estimate) if estimation.model != "ballistic" else {}
+    rests = estimation.model != "ballistic" and moves_about_rest(model)
+    derived = modal_estimate(compiled(estimation, model), estimate) if rests else {}
     modes = characteristics(compiled(estimation, model), estimate) if scenario.flown is not None else None
     levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}

@@ -109,7 +109,7 @@ def fault(model: str, what: str, function: Answer, error: Exception, s: Any, p: 
     return ModelError(text, where=where, remedy="mend that line")
 
 
-def written_in(model: str, what: str, function: Answer) -> str:
+def written_in(model: str, what: str, function: Callable[..., object]) -> str:
     """``model roll, rates (my_model.py, line 12)``: where the function itself begins."""
     code = getattr(function, "__code__", None)
     return f"model {model}, {what}" + (f" ({code.co_filename}, line {code.co_firstlineno})" if code is not None else "")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import keyword
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from numbers import Real
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
-from sim.declaration.own_equations import Answer, OwnEquations
+from sim.declaration.own_equations import Answer, OwnEquations, written_in
 from sim.declaration.own_sensors import biases_told, refuse_misnamed
 from sim.declaration.own_trial import Starts, multiplying, try_model
 from sim.declaration.parameters import Parameter, ParameterSet
@@ -132,6 +133,20 @@ def _refuse_uncallable(model: str, functions: Mapping[str, object]) -> None:
         if not callable(function):
             remedy = f"give a function of s and p, {what}=lambda s, p: {{...}}"
             raise ModelError(f"{what} is of type {type(function).__name__} and cannot be called", where=f"model {model}", remedy=remedy)
+        _refuse_other_arguments(model, what, function)
+
+
+def _refuse_other_arguments(model: str, what: str, function: Callable[..., object]) -> None:
+    """Raise ModelError where a function cannot be called with ``s`` and ``p``; one that does not say what it takes is left to the trial."""
+    try:
+        taken = signature(function)
+    except (TypeError, ValueError):
+        return
+    try:
+        taken.bind(None, None)
+    except TypeError:
+        where, remedy = written_in(model, what, function), f"give a function of s and p, {what}=lambda s, p: {{...}}"
+        raise ModelError(f"it takes {taken}, not (s, p)", where=where, remedy=remedy) from None
 
 
 def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:

@@ -39,19 +39,50 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     """
     values = _evaluated(equations, starts)
     for (what, name), value in values.items():
+        where = written_in(equations.name, what, _function(equations, what))
+        if np.shape(value) != ():
+            told = f"{_told(what, name)} of shape {np.shape(value)} where all signals are single numbers"
+            raise ModelError(told, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
             told = f"{_told(what, name)} is {value:g} at the starts"
-            raise ModelError(told, where=f"model {equations.name}, {what}", remedy="give starts and `initial` values at which it is a number")
+            raise ModelError(told, where=where, remedy="give starts and `initial` values at which it is a number")
     for side in (1.0, -1.0):
         _compare_slopes(equations, beside(starts, side))
     arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
     for (what, name), value in _evaluated(equations, arrays).items():
         if np.shape(value) not in ((), (2,)):
             told = f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
-            raise ModelError(told, where=f"model {equations.name}, {what}", remedy="write it so that it broadcasts over arrays")
+            where = written_in(equations.name, what, _function(equations, what))
+            raise ModelError(told, where=where, remedy="write it so that it broadcasts over arrays")
     if equations.formed is None:
         return ()
     return tuple(_asked(equations, "flow", equations.formed, SimpleNamespace(**starts.signals), SimpleNamespace(**starts.parameters)))
+
+
+def _function(equations: OwnEquations, what: str) -> Answer:
+    """The user's function of that name."""
+    found = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[what]
+    assert found is not None
+    return found
+
+
+class _Noting(SimpleNamespace):
+    """Parameters that note which of them are asked for."""
+
+    def __getattribute__(self, name: str) -> Any:
+        values = object.__getattribute__(self, "__dict__")
+        values["_asked"].add(name)
+        return object.__getattribute__(self, name)
+
+
+def parameters_asked(equations: OwnEquations, starts: Starts) -> frozenset[str]:
+    """Names of the parameters that the functions ask for when they are evaluated at the starts."""
+    s, p = SimpleNamespace(**starts.signals), _Noting(**starts.parameters, _asked=set())
+    if equations.formed is not None:
+        s.__dict__.update(equations.formed(s, p))
+    equations.rates(s, p)
+    equations.readings(s, p)
+    return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
 
 
 def _evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
@@ -67,7 +98,7 @@ def _evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str],
     out: dict[tuple[str, str], Any] = {}
     for what, function, signals in (("rates", equations.rates, equations.states), ("readings", equations.readings, equations.outputs)):
         found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]
-        where, kind = f"model {equations.name}, {what}", "state" if what == "rates" else "output"
+        where, kind = written_in(equations.name, what, function), "state" if what == "rates" else "output"
         for name in found:
             if name not in known:
                 raise ModelError(f"there is no {kind} {name!r}", where=where, remedy=f"the {kind}s are {', '.join(known)}")
@@ -85,12 +116,12 @@ def _asked(equations: OwnEquations, what: str, function: Answer, s: Any, p: Any)
         raise fault(equations.name, what, function, error, s, p) from error
     if not isinstance(found, Mapping):
         shown = f"it returns a {type(found).__name__}, not a mapping by name"
-        raise ModelError(shown, where=f"model {equations.name}, {what}", remedy='return {"NAME": value, ...}')
+        raise ModelError(shown, where=written_in(equations.name, what, function), remedy='return {"NAME": value, ...}')
     return found
 
 
 def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
-    where = f"model {equations.name}, flow"
+    where = written_in(equations.name, "flow", _function(equations, "flow"))
     if not isinstance(name, str) or not name.isidentifier():
         raise ModelError(f"{name!r} is no name", where=where, remedy="use letters, digits and underscores")
     if name in starts.signals or name in starts.parameters:
@@ -101,7 +132,7 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
     plain = isinstance(value, int | float | complex | np.number | np.ndarray) and not isinstance(value, bool)
     if not plain or np.asarray(value).dtype.kind not in "fciu":
         told = f"{_told(what, name)} is of type {type(value).__name__}"
-        raise ModelError(told, where=f"model {equations.name}, {what}", remedy="give a number or an array of numbers")
+        raise ModelError(told, where=written_in(equations.name, what, _function(equations, what)), remedy="give a number or an array of numbers")
     return value
 
 
@@ -142,10 +173,9 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
             continue
         apart = np.abs(slopes[k] - difference) > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
         if np.any(apart):
-            functions = {"rates": equations.rates, "readings": equations.readings}
             what, answer = list(_evaluated(equations, at))[int(np.argmax(apart))]
             told = f"{_told(what, answer)} loses a complex step of {name}: the slope is {difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
-            raise ModelError(told, where=written_in(equations.name, what, functions[what]), remedy=NO_COMPLEX)
+            raise ModelError(told, where=written_in(equations.name, what, _function(equations, what)), remedy=NO_COMPLEX)
 
 
 def _changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:

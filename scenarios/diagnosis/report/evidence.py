@@ -14,7 +14,7 @@ from ident.tracing.residual_structure import Leftover, left_over
 from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
-from scenarios.files.own_models import is_own
+from scenarios.files.own_models import is_of_aircraft
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
@@ -173,7 +173,7 @@ def scatter_text(d: Diagnosis, name: str) -> str:
 
 
 def _spoken(name: str, tracing: Tracing) -> str:
-    return name if is_own(tracing.model) else CHANNELS.get(name, name.replace("_", " "))
+    return CHANNELS.get(name, name.replace("_", " ")) if is_of_aircraft(tracing.model) else name
 
 
 def _unit(quantity: Quantity) -> str:

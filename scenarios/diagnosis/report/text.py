@@ -17,7 +17,7 @@ from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.own_models import channel_units, is_own
+from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.plain_tables import WIDTH, table, wrapped
 from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
@@ -62,7 +62,7 @@ CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p 
 def wording_of(tracing: Tracing) -> Wording:
     """What sentences about effects need to know of a study."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
-    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs, {} if is_own(tracing.model) else CHANNELS)
+    return Wording(inputs[0] if inputs else "control", tracing.stick_unit, tracing.traits, inputs, CHANNELS if is_of_aircraft(tracing.model) else {})
 
 
 def subject(tracing: Tracing) -> str:
@@ -259,7 +259,7 @@ def _error_phrase(tracing: Tracing) -> str:
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
     tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
-    word = fell if is_own(tracing.model) else CHANNELS.get(fell, fell)
+    word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
     return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from scenarios.studies.declaration import ManeuverPlan
+from sim.declaration.model import Model
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 
@@ -38,7 +39,8 @@ class TraceFlight:
 
     Attributes
     ----------
-    vehicle : name of a built-in vehicle, or ``"x29-S"`` for the closed loop with that airframe. modes : elastic modes that act.
+    vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a user's model file, whose model with its true
+        values is ``own``. modes : elastic modes that act.
     rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output; of a closed loop its telemetry's.
     train, validate : the two records. hidden : what acts beyond the vehicle.
     """
@@ -51,6 +53,7 @@ class TraceFlight:
     rate: float = 50.0
     step: float = 0.001
     modes: int = 0
+    own: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ class TraceScenario:
     Attributes
     ----------
     name, title, about : for people. distance : how far the truth is from the model, and whether the library has what lies between.
-    flight : the truth recipe; ``model`` what the loop is told it is.
+    flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
     wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are values that are given instead.
     expect : what should be found. seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
     """

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.flying import maneuvers_by_input
+from scenarios.studies.flying import held_alike, maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import CLOSED_LOOP, true_vehicle, with_breakout, with_hidden
+from sim.declaration.model import Model
+from sim.declaration.parameters import Parameter
 from sim.errors import DeclarationError
 from sim.maneuvers.steps import Sum
 from sim.record import Record
@@ -60,13 +63,13 @@ def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
     validate = _fly(flight, flight.validate, second, "validate", validation=True)
     derivatives = {item.name: item.value for item in vehicle.parameters if item.free and item.name in _declared(scenario, vehicle.parameters.names)}
     hidden = {term.name: dict(term.values) for term in flight.hidden}
-    text = _vehicle_text(scenario, {item.name: item.value for item in vehicle.parameters}, derivatives)
+    text = _own_text(scenario, vehicle) if flight.own is not None else _vehicle_text(scenario, _values(vehicle), derivatives)
     return FlownTrace(train, validate, derivatives, hidden, dict(flight.noise_std), flight.step, text)
 
 
 def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
     """Parameters that the declared model has: a rigid one those without a mode."""
-    if scenario.model == "flexible":
+    if scenario.model == "flexible" or scenario.flight.own is not None:
         return set(names)
     return {name for name in names if not _mode_of(name)}
 
@@ -74,9 +77,11 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
 def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> Record:
     model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
     inputs = {signal.name for signal in model.equations.inputs}
-    by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}")
+    by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
     time = sample_times(flight.rate, plan.duration)
+    if flight.own is not None:
+        by_input = held_alike(by_input, plan.maneuvers, time)
     record, _ = fly(model, by_input, time, rng, step=min(flight.step, 1.0 / flight.rate), outputs=outputs, name=name)
     return record
 
@@ -109,10 +114,7 @@ def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
 
 def _vehicle_text(scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]) -> str:
     """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces what it names."""
-    unknown = set(scenario.start) - set(derivatives)
-    if unknown:
-        what = f"there is no {', '.join(sorted(unknown))}"
-        raise DeclarationError(what, where=f"{scenario.name}, key estimate.start", remedy=f"use {', '.join(derivatives)}")
+    _refuse_unknown_starts(scenario, derivatives)
     started = {name: value * (1.0 + scenario.wrong * (-1.0) ** i) for i, (name, value) in enumerate(derivatives.items())}
     started |= dict(scenario.start)
     lines = [f'name = "{scenario.flight.vehicle}"', *(f"{name} = {values[name]!r}" for name in CONSTANTS[scenario.model])]
@@ -122,6 +124,40 @@ def _vehicle_text(scenario: TraceScenario, values: Mapping[str, float], derivati
         lines += ["[[modes]]", *(f"{key} = {values[f'{name}{number}']!r}" for name, key in FILE_NAMES.items() if name in MODE_CONSTANTS)]
         lines += [f"{name} = {value!r}" for name, value in started.items() if modal.get(name) == number]
     return "\n".join(lines) + "\n"
+
+
+def _own_text(scenario: TraceScenario, model: Model) -> str:
+    """The same for a user's own model: its constants and, off by ``wrong``, its parameters, whose names may be any word."""
+    free = {item.name: item for item in model.parameters if item.free}
+    _refuse_unknown_starts(scenario, free)
+    started = {name: off(item, scenario.wrong * (-1.0) ** i) for i, (name, item) in enumerate(free.items())} | dict(scenario.start)
+    lines = [f"name = {json.dumps(model.name)}", *(f"{_key(item.name)} = {item.value!r}" for item in model.parameters if not item.free)]
+    return "\n".join([*lines, "[derivatives]", *(f"{_key(name)} = {value!r}" for name, value in started.items())]) + "\n"
+
+
+def _key(name: str) -> str:
+    """A name as a key of TOML, which knows few letters without quotes."""
+    return name if name.isascii() else json.dumps(name)
+
+
+def off(item: Parameter, share: float) -> float:
+    """A starting value that is off by a share of the true one, to the other side or to halfway where bounds are nearer."""
+    low, high = item.bounds
+    for value in (item.value * (1.0 + share), item.value * (1.0 - share)):
+        if low <= value <= high:
+            return value
+    return 0.5 * (item.value + (low if item.value * share < 0.0 else high))
+
+
+def _values(model: Model) -> dict[str, float]:
+    return {item.name: item.value for item in model.parameters}
+
+
+def _refuse_unknown_starts(scenario: TraceScenario, known: Collection[str]) -> None:
+    unknown = set(scenario.start) - set(known)
+    if unknown:
+        what = f"there is no {', '.join(sorted(unknown))}"
+        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(known)}")
 
 
 def _mode_of(name: str) -> int:

@@ -30,16 +30,20 @@ def true_vehicle(flight: TraceFlight) -> Model:
     """The vehicle of a flight without what is hidden."""
     from scenarios.studies.flying import vehicle_model
 
+    if flight.own is not None:
+        return flight.own.with_noise(Noise(flight.noise_std))
     return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std))
 
 
-def hidden_units(name: str, vehicle: str, where: str) -> Mapping[str, str]:
-    """Local parameters of a hidden term with their units.
+def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, str]:
+    """Local parameters of a hidden term with their units; ``vehicle`` is the name of a built-in one, or a user's own model.
 
     Raises
     ------
     DeclarationError : there is no such term for this vehicle.
     """
+    if isinstance(vehicle, Model):
+        return {item.name: item.unit for item in find_term(name, vehicle.equations, where).parameters}
     if vehicle.startswith(CLOSED_LOOP):
         if name != BREAKOUT:
             raise DeclarationError(f"{name!r} in a closed loop", where=f"{where}.name", remedy=f"use {BREAKOUT}, the break-out of its stick")

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from scenarios.files.declarations import checked
+from scenarios.files.vehicles import MODELS
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import ManeuverPlan
+from scenarios.studies.own import model_files
 from scenarios.studies.quantities import Quantity, positive, si, standard_deviations
-from scenarios.studies.schema import Maneuver, maneuver_plans
+from scenarios.studies.schema import Maneuver, maneuver_plans, model_name, own_vehicle_of, refuse_other_equations
 from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
 from scenarios.trials.planted.hiding import hidden_units
+from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 Name = Annotated[str, Field(min_length=1)]
@@ -31,6 +34,7 @@ class _Record(_Strict):
 
 class _Flight(_Strict):
     vehicle: Name
+    values: dict[str, Quantity] = {}
     rate: Quantity = 50.0
     step: Quantity = 0.001
     modes: int = Field(default=0, ge=0)
@@ -47,7 +51,7 @@ class _Hidden(_Strict):
 
 
 class _Estimate(_Strict):
-    model: Literal["ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal"]
+    model: Annotated[str, AfterValidator(model_name(*MODELS))]
     wrong: float = Field(default=0.3, ge=0, lt=1)
     start: dict[str, float] = {}
     effort: Literal["normal", "thorough"] = "normal"
@@ -79,8 +83,15 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that is not there: one line with file and key.
     """
     content = checked(_Trace, document, where)
-    flight = content.flight
-    hidden = tuple(_hidden(item, flight.vehicle, f"{where}, key hidden[{number}]") for number, item in enumerate(content.hidden, start=1))
+    flight, place = content.flight, f"{where}, key flight"
+    files = model_files([flight.vehicle, content.estimate.model])
+    own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
+    refuse_other_equations(own, content.estimate.model, where)
+    if own is None and files:
+        what, remedy = f"the built-in vehicle {flight.vehicle} flies", "name a built-in model, or fly that of your file"
+        raise DeclarationError(what, where=f"{where}, key estimate.model", remedy=remedy)
+    model = own or content.estimate.model
+    hidden = tuple(_hidden(item, own or flight.vehicle, f"{where}, key hidden[{number}]") for number, item in enumerate(content.hidden, start=1))
     if bool(hidden) == (content.distance == "nothing missing") and not flight.vehicle.startswith("x29-"):
         what = "something is hidden" if hidden else "nothing is hidden"
         if hidden or not flight.modes:
@@ -92,13 +103,14 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
         content.distance,
         TraceFlight(
             flight.vehicle,
-            _record(flight.train, f"{where}, key flight.train"),
-            _record(flight.validate_, f"{where}, key flight.validate"),
+            _record(flight.train, f"{place}.train", model),
+            _record(flight.validate_, f"{place}.validate", model),
             hidden,
-            standard_deviations(flight.noise_std, flight.noise_variance, f"{where}, key flight", content.estimate.model),
-            positive(si(flight.rate, "1/s", f"{where}, key flight.rate", {"hz": "1/s"}), f"{where}, key flight.rate"),
-            positive(si(flight.step, "s", f"{where}, key flight.step"), f"{where}, key flight.step"),
+            standard_deviations(flight.noise_std, flight.noise_variance, place, model),
+            positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate"),
+            positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
             flight.modes,
+            own,
         ),
         content.estimate.model,
         Expectation(tuple(content.expect.verdicts), tuple(tuple(sorted(names)) for names in content.expect.effects)),
@@ -109,12 +121,12 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     )
 
 
-def _record(record: _Record, where: str) -> RecordPlan:
-    plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where)
+def _record(record: _Record, where: str, model: str | Model) -> RecordPlan:
+    plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where, model)
     return RecordPlan(positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans)
 
 
-def _hidden(item: _Hidden, vehicle: str, where: str) -> HiddenTerm:
+def _hidden(item: _Hidden, vehicle: str | Model, where: str) -> HiddenTerm:
     units = hidden_units(item.name, vehicle, where)
 
     def values(table: Mapping[str, Quantity], key: str) -> dict[str, float]:

@@ -142,7 +142,7 @@ def test_a_file_is_shown_and_checked(flightid: CommandLine, tmp_path: Path) -> N
 
 def test_what_a_doublet_does_not_show_is_told(flightid: CommandLine, tmp_path: Path) -> None:
     text = ROLL.replace('"L_da": (8.0, "1/s2")}', '"L_da": (8.0, "1/s2"), "gain": (1.0, "parsnips"), "idle": (1.0, "1")}')
-    printed = flightid.done("models", model_file(tmp_path, text.replace("p.L_da * s.aileron", "p.gain * p.L_da * s.aileron")))
+    printed = flightid.done("models", model_file(tmp_path, text.replace("p.L_da * s.aileron", "p.gain * p.L_da * s.aileron + 0.0 * p.idle")))
     assert "no conversion for gain (parsnips)" in printed
     for part in ("L_da           not told from gain\n", "gain           not told from L_da\n", "idle           moves no output\n"):
         assert part in printed

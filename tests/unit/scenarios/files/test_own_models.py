@@ -135,6 +135,10 @@ def test_a_channel_map_knows_the_declared_names(tmp_path: Path) -> None:
     path = tmp_path / "map.toml"
     path.write_text('copy = "other"\nx = {column = "POS", unit = "mm"}\n')
     assert read_channel_map(path, ["time", "x", "copy"]) == {"x": ColumnChoice("POS", "mm"), "copy": ColumnChoice("other")}
+    # Words that the schema itself might take for something: each is a channel like any other.
+    names = ["copy", "channel_0", "channel_1", "model_config", "schema"]
+    path.write_text("".join(f'{name} = "{name} of mine"\n' for name in names))
+    assert read_channel_map(path, names) == {name: ColumnChoice(f"{name} of mine") for name in names}
     path.write_text('y = "POS"\n')
     with pytest.raises(DeclarationError, match="key y: there is no such key; use one of time, x, copy"):
         read_channel_map(path, ["time", "x", "copy"])

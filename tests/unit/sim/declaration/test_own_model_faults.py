@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sim.errors import ModelError
@@ -78,11 +80,19 @@ FAULTS: list[tuple[dict[str, Any], str]] = [
     (rated(lambda s, p: None), "model roll, rates: the rate of p is of type NoneType; "),
     (rated(lambda s, p: math.sin(s.p)), ": TypeError: must be real number, not complex; use sin, "),
     (rated(lambda s, p: float(s.p)), ": TypeError: "),
+    (rated(lambda s, p: np.ones(3)), "model roll, rates: the rate of p of shape (3,) where all signals are single numbers; "),
+    ({"rates": lambda s: {"p": s.p, "phi": s.p}}, "model roll, rates: it takes (s), not (s, p); "),
+    ({"readings": lambda s, p, t: {"p": s.p, "phi": s.phi}}, "model roll, readings: it takes (s, p, t), not (s, p); "),
+    ({"flow": lambda: {}}, "model roll, flow: it takes (), not (s, p); "),
     (rated(lambda s, p: s.p if s.p > 0 else 0.0), ": TypeError: '>' not supported"),
     (rated(lambda s, p: max(s.p, 0.0)), ": TypeError: '>' not supported"),
     (rated(lambda s, p: abs(s.p)), ": the rate of p loses a complex step of p: the slope is 1, not 0; use sin, "),
     (rated(lambda s, p: s.p * abs(s.p)), ": the rate of p loses a complex step of p: "),
     (rated(lambda s, p: p.L_p.real * s.p), ": the rate of p loses a complex step of L_p: "),
+    (rated(lambda s, p: np.ones(3)), "model roll, rates: the rate of p of shape (3,) where all signals are single numbers; "),
+    ({"rates": lambda s: {"p": s.p, "phi": s.p}}, "model roll, rates: it takes (s), not (s, p); "),
+    ({"readings": lambda s, p, t: {"p": s.p, "phi": s.phi}}, "model roll, readings: it takes (s, p, t), not (s, p); "),
+    ({"flow": lambda: {}}, "model roll, flow: it takes (), not (s, p); "),
     (rated(lambda s, p: s.p if s.p else 0.0 * s.p), ": ValueError: The truth value of an array"),
 ]
 
@@ -92,7 +102,10 @@ def test_one_line_on_each_mistake(changes: dict[str, Any], line: str) -> None:
     with pytest.raises(ModelError) as caught:
         roll(**changes)
     message = str(caught.value)
-    assert line in message and "\n" not in message and len(caught.value.remedy) > 4
+    plain = re.sub(r"(model \w+, \w+) \([^)]*test_own_model_faults\.py, line \d+\)", r"\1", message)  # where the function begins
+    assert (line in message or line in plain) and "\n" not in message and len(caught.value.remedy) > 4
+    if re.match(r"model roll, (rates|readings|flow): ", line):
+        assert plain != message, "a fault of a function has its line"
     if line.startswith(": "):
         assert "test_own_model_faults.py, line " in message and message.startswith("model roll, rates (")
 

@@ -1,0 +1,1 @@
+"""Scenarios as data, and the example of a model of one's own."""
