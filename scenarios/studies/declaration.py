@@ -38,6 +38,8 @@ class Flight:
     step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
     process_noise : spectral densities of forcing that really acts, by state or parameter.
     noise_std : measurement noise, by output.
+    derivatives : true values in the place of the vehicle's.
+    feedback : by input, then by output, gains with which what is measured moves the input.
     """
 
     vehicle: str
@@ -49,6 +51,25 @@ class Flight:
     step: float = 0.001
     integration: str = "rk4"
     process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    derivatives: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    feedback: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: EMPTY)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A flight to be repeated: ``label`` for tables and figures, and the names of the estimations that its records go to."""
+
+    label: str
+    flight: Flight
+    methods: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Flights that are flown ``runs`` times each, with a seed a run."""
+
+    runs: int
+    flights: tuple[Variation, ...]
 
 
 @dataclass(frozen=True)
@@ -68,7 +89,7 @@ class Estimation:
     ----------
     name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
     model, modes : estimation model. outputs : those used.
-    method : ``"ekf"``, ``"ukf"``, ``"output-error"`` or ``"equation-error"``.
+    method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"`` or ``"equation-error"``.
     start : starting values and priors of the free parameters. initial : of the states.
     held : parameters that are not estimated and not constants of the vehicle.
     noise_std : measurement noise that the estimator assumes; empty takes that of the record's sensors.
@@ -115,7 +136,7 @@ class Scenario:
     condensed : compare with the coefficients that static condensation gives, of those elastic modes that fly and that
         an estimation's model lacks.
     display : unit to show a parameter in besides SI, e.g. ``{"beta": "lb/ft2"}``.
-    seed : the default seed.
+    seed : the default seed. repeated : flights that show how the estimates scatter; None where one flight is all.
     """
 
     name: str
@@ -127,3 +148,4 @@ class Scenario:
     condensed: bool = False
     display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
     seed: int = 1
+    repeated: Repeated | None = None

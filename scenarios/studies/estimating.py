@@ -16,7 +16,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
-from scenarios.studies.declaration import Estimation, Start
+from scenarios.studies.declaration import Estimation, Scenario, Start
 from scenarios.studies.flying import STEPS
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect
@@ -94,6 +94,11 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     return replace(model, parameters=free, initial=start, noise=Noise(dict(noise_std), dict(estimation.process_noise)))
 
 
+def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
+    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
+    return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
+
+
 def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
     """The numbers of a built-in vehicle that an estimator may know: no derivative among them."""
     data = read_parameter_set(vehicle)
@@ -105,7 +110,7 @@ def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
 def compiled(estimation: Estimation, model: Model) -> System:
     """The System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
-    if estimation.method == "output-error":
+    if estimation.method in ("output-error", "filter-error"):
         model = model.with_biases([name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")])
     return compile_model(model, estimation.outputs, online=filtering)
 
@@ -125,6 +130,12 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
         from ident.whole_record.output_error import FitSettings, fit_output_error
 
         estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
+    elif estimation.method == "filter-error":
+        from ident.process_noise.filter_error import FitSettings, fit_filter_error
+
+        settings = FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors)
+        calm = compiled(estimation, model.with_noise(replace(model.noise, process_density={})))
+        estimate = fit_filter_error([record], system, settings, calm=calm)
     else:
         from ident.regression.equation_error import run_equation_error
 

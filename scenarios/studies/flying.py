@@ -15,6 +15,7 @@ from sim.maneuvers.steps import Maneuver, Sum, doublet, pulse, step, three_two_o
 from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
+from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
 from sim.vehicles.library import read_parameter_set
@@ -31,7 +32,12 @@ DISTANCES = {
 
 def true_model(flight: Flight) -> Model:
     """The vehicle that really flies, with its noise."""
-    return vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+    model = vehicle_model(flight.vehicle, flight.modes, Noise(flight.noise_std, flight.process_noise))
+    free = model.parameters.free_names
+    for name in flight.derivatives:
+        if name not in free:
+            raise DeclarationError(f"there is no derivative {name!r}", where="key flight.derivatives", remedy=f"use {', '.join(free)}")
+    return model.with_values(flight.derivatives)
 
 
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
@@ -64,6 +70,19 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     by_input = maneuvers_by_input(flight.maneuvers, inputs, place)
     time = sample_times(flight.rate, flight.duration)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    if flight.feedback:
+        return fly_with_feedback(
+            model,
+            by_input,
+            flight.feedback,
+            time,
+            np.random.default_rng(seed),
+            step=min(flight.step, 1.0 / flight.rate),
+            method=STEPS[flight.integration],
+            outputs=measured,
+            distance=DISTANCES[scenario.distance],
+            name=scenario.name,
+        )
     return fly(
         model,
         by_input,

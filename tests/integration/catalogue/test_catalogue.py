@@ -12,11 +12,11 @@ import pytest
 from scenarios.studies.catalogue import load_scenario, scenario_names, scenario_text
 from scenarios.studies.comparison import comparison
 from scenarios.studies.declaration import Estimation, ManeuverPlan, Start
-from scenarios.studies.estimating import declared_model, vehicle_constants
+from scenarios.studies.estimating import assumed_noise, declared_model, vehicle_constants
 from scenarios.studies.flying import DISTANCES, true_model
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.published import published_values
-from scenarios.studies.study import MethodResult, Study, assumed_noise, run_scenario
+from scenarios.studies.study import MethodResult, Study, run_scenario
 from sim.errors import DeclarationError
 from sim.vehicles.factory import WHOLE_AXES
 from sim.vehicles.library import read_parameter_set
