@@ -71,10 +71,7 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
 def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
     """Errors over all runs of the repeated flights: in reported sigmas, then in the derivatives' units."""
     names, runs = found[0].names, sum(found[0].outcomes.values())
-    common = [
-        Column("flight", [each.flight for each in found], left=True),
-        Column("method", [each.estimation.label for each in found], left=True),
-    ]
+    common = [Column("flight: method", [f"{each.flight}: {each.estimation.label}" for each in found], left=True)]
     shares = [each.within_two for each in found]
     judged = [
         Column("settled", [str(each.outcomes.get("converged", 0)) for each in found]),
@@ -82,7 +79,7 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
         Column("95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]),
     ]
     in_sigmas = [Column(name, [f"{each.rms_sigmas[i]:.2f}" for each in found]) for i, name in enumerate(names)]
-    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged, *in_sigmas])
+    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
     in_units = [Column(name, [f"{each.rms[i]:.3g}" for each in found]) for i, name in enumerate(names)]
     print_table(out, "the same in the derivatives' units", [*common, *in_units])
     for each in found:
