@@ -17,7 +17,7 @@ from sim.maths.elementary import clip, exp, real, sqrt, where
 
 ATTACHED = -20.0  # of a1 (alpha - alpha_star), where the separated share is below rounding: there it is set to none at all
 LEAST_ATTACHED = 1e-4  # share of the chord. The root of it has no slope at none; lift then is within 2 per cent of that of a free stream
-NO_STALL_BELOW = 0.1  # rad from zero lift, six degrees. chosen: no wing's flow leaves its rear below, and no search looks for it
+NO_STALL_BELOW = 0.15  # rad from zero lift. chosen: below eight degrees no wing's flow leaves its rear, and no search looks for it
 NEVER = 6.0  # rad, where alpha_star is beyond any flight
 SHARES = (0.7, 0.85, 1.0)  # of the largest angle flown, that a search tries
 TIMES, STEEPNESS, MOMENTS = (0.1, 0.5), (15.0, 40.0), (0.0, -0.1)  # s, 1/rad, 1
