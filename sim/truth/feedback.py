@@ -54,10 +54,11 @@ def fly_with_feedback(
     std = {key: float(model.noise.measurement_std.get(key, 0.0)) for key in system.output_names}
     noise = np.array([white_noise(rng, len(time), each) if each > 0 else np.zeros(len(time)) for each in std.values()])
     forcing, N = loop.densities(), len(time)
+    start = loop.outputs(float(time[0]), system.initial.values().tolist(), loop.command(float(time[0])))
     x: list[Any] = system.initial.values().tolist()
     states, u, clean = np.empty((len(x), N)), np.empty((len(system.inputs), N)), np.empty((len(std), N))
     for k, t in enumerate(time.tolist()):
-        u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k])
+        u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x
         if k < N - 1:
             x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
@@ -109,21 +110,26 @@ class _Loop:
     def densities(self) -> list[float]:
         return [float(value) for value in self.system.noise(self.system.parameters.values().tolist())[0]]
 
-    def closed(self, t: float, x: list[Any], noise: np.ndarray) -> tuple[list[float], list[float]]:
-        """Inputs at a sample and the outputs without noise."""
-        system, p = self.system, self.system.parameters.values().tolist()
-        command = [float(self.maneuvers.get(key, Sum())(t)) for key in system.input_names]
-        felt, start = self._outputs(t, x, command), self._outputs(0.0, system.initial.values().tolist(), command)
+    def command(self, t: float) -> list[float]:
+        """What the maneuvers give every input."""
+        return [float(self.maneuvers.get(key, Sum())(t)) for key in self.system.input_names]
+
+    def closed(self, t: float, x: list[Any], noise: np.ndarray, start: list[float]) -> tuple[list[float], list[float]]:
+        """Inputs at a sample and the outputs without noise; ``start`` are those at the beginning."""
+        system, command = self.system, self.command(t)
+        felt = self.outputs(t, x, command)
         said = {key: felt[i] + float(noise[i]) - start[i] for i, key in enumerate(system.output_names)}
-        u = [value + sum(gain * said[key] for key, gain in self.gains.get(name, {}).items()) for name, value in zip(system.input_names, command, strict=True)]
-        y = [float(value) for value in system.h(t, x, u, p)]
+        added = [sum(gain * said[key] for key, gain in self.gains.get(name, {}).items()) for name in system.input_names]
+        u = [value + more for value, more in zip(command, added, strict=True)]
+        y = self.outputs(t, x, u)
         for key in {name for table in self.gains.values() for name in table}:
             i = system.output_names.index(key)
             if abs(y[i] - felt[i]) > 1e-12 * max(1.0, abs(y[i])):
                 raise ModelError(f"an input moves {key!r} at once", where="feedback", remedy="feed back outputs that are states")
         return u, y
 
-    def _outputs(self, t: float, x: list[Any], u: list[float]) -> list[float]:
+    def outputs(self, t: float, x: list[Any], u: list[float]) -> list[float]:
+        """Outputs without noise."""
         return [float(value) for value in self.system.h(t, x, u, self.system.parameters.values().tolist())]
 
 
