@@ -70,7 +70,10 @@ def main() -> None:
         for model, scenario in FITS.items():
             seconds, number = fit_seconds(scenario, Path(temporary) / f"fit-{model}", runs)
             reference = reference or seconds
-            print(f"{model:12} fit of {number} shared parameters: processor {seconds:.2f} s (asked {FIT_LIMIT:g}), {seconds / reference:.1f} x rigid", flush=True)
+            print(
+                f"{model:12} fit of {number} shared parameters: processor {seconds:.2f} s (asked {FIT_LIMIT:g}), {seconds / reference:.1f} x rigid",
+                flush=True,
+            )
         reference = 0.0
         for words, (scenario, changes) in KINDS.items():
             folder = Path(temporary) / words.replace(", ", "-").replace(" ", "-")

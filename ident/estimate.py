@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -128,6 +128,12 @@ class Estimate:
 
     def sigma(self, name: str) -> float:
         return float(self.std[self.names.index(name)])
+
+    def only(self, names: Collection[str]) -> Estimate:
+        """The same without the parameters that are not among ``names``."""
+        at = [i for i, name in enumerate(self.names) if name in names]
+        kept, units = tuple(self.names[i] for i in at), tuple(self.units[i] for i in at)
+        return replace(self, names=kept, units=units, values=self.values[at], covariance=self.covariance[np.ix_(at, at)])
 
     def as_dict(self) -> dict[str, float]:
         """Values by name, for ``Model.with_values``."""

@@ -81,9 +81,10 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
     if layout.prior is None:
         records = [problem.record for problem in layout.problems]
         for exact in (layout,) if plain else (_exactly(layout, _LEAST_DAMPING), _exactly(layout, layout.settings.least_damping)):
-            yield from _from_regression(exact, records, calm)
             if not plain:
+                # In gusts fits from here settle in ten steps, where those from equation error creep.
                 yield from _from_output_error(exact, records, calm)
+            yield from _from_regression(exact, records, calm)
     if not plain:
         yield layout, None
 

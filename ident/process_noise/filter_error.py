@@ -17,7 +17,7 @@ from ident.process_noise.filter_error_fit import COARSE, fit_with_process_noise,
 from ident.process_noise.innovations_model import SCALE, ProcessNoise, filters_of, has_process_noise, process_noise
 from ident.process_noise.restricted_likelihood import restricted_levels
 from ident.statistics.residuals import ljung_box
-from ident.whole_record.best_start import in_pieces, put_together, said_of_pieces
+from ident.whole_record.best_start import in_pieces, put_together, quiet, said_of_pieces, started_at, started_unstable
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
@@ -75,13 +75,29 @@ def fit_filter_error(
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
-    pieces = in_pieces(records, calm or system, settings, local)
+    found, fit = _fitted(records, system, settings, calm or system, local)
+    # One that ends unstable from a start that was not has been made as if nothing grew: what it calls settled has often crept.
+    if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
+        return found
+    unstable = started_unstable(records, calm or system, settings, local)
+    if unstable is None:
+        return found
+    values = dict(zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True))
+    mine = started_at(system, {name: value for name, value in values.items() if name in system.parameters})
+    again, fit = _fitted(records, mine, settings, unstable, local)
+    return again if fit is not None and fit.outcome is Outcome.CONVERGED else found
+
+
+def _fitted(records: Sequence[Record], system: System, settings: FitSettings, calm: System, local: Collection[str]) -> tuple[Estimate, Fit | None]:
+    """The estimate from the System's starting values, and its fit; None where there is none."""
+    pieces = in_pieces(records, calm, settings, local)
     layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout, calm)
     found = failed_estimate(layout, METHOD) if fit is None else filter_error_estimate(fit)
-    return replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
+    found = replace(found, fitted=put_together(found.fitted, pieces), message=said_of_pieces(pieces))
+    return found, fit
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:

@@ -5,7 +5,7 @@ Equation error needs no simulation, so an unstable aircraft is as easy for it as
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 
@@ -51,6 +51,25 @@ def in_pieces(records: Sequence[Record], system: System, settings: FitSettings, 
         return [[record] for record in records]
     rate = fastest(next(from_regression(layout), layout))
     return [_cut(record, rate * _duration(record)) for record in records]
+
+
+def started_unstable(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()) -> System | None:
+    """The System started at the derivatives of equation error, where its motion grows at these and not at the declared values; else None.
+
+    Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has not settled.
+    """
+    layout = lay_out(records, system, settings, local=local)
+    if not layout.shared or layout.prior is not None or not quiet(layout):
+        return None
+    begun = next(from_regression(layout), None)
+    if begun is None or quiet(begun):
+        return None
+    return started_at(system, dict(zip(begun.shared, begun.start.tolist(), strict=False)))
+
+
+def started_at(system: System, values: Mapping[str, float]) -> System:
+    """The System with other starting values of some parameters."""
+    return replace(system, parameters=system.parameters.with_values(values))
 
 
 def put_together(parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]) -> tuple[np.ndarray, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from ident.estimate import LARGEST, Estimate, Outcome
 from ident.statistics.coloured_covariance import corrected_covariance
 from ident.statistics.information import inverse_information
-from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces
+from ident.whole_record.best_start import fit_from_best_start, in_pieces, put_together, quiet, said_of_pieces, started_unstable
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from ident.whole_record.unstable_motion import projected_covariance
@@ -41,7 +41,7 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     Estimate of the shared free parameters; biases and initial states are nuisances, projected out of the covariance.
     Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
     cost was found, ``MAX_ITERATIONS`` when it had not settled, ``DEGENERATE`` when an output is met exactly and another is not.
-    Where the start is unstable or its simulation runs away, the fit begins from equation error, and a motion that grows beyond what can be
+    Where the start is unstable or its simulation runs away, or a fit from it does not settle, the fit begins from equation error, and a motion that grows beyond what can be
     followed is cut, which ``message`` tells: see `ident.whole_record.best_start`.
 
     Raises
@@ -49,6 +49,15 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     ModelError : a record without any of the outputs, or nothing to estimate.
     """
     settings = settings or FitSettings()
+    found = _fitted(records, system, settings, local)
+    if found.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE):
+        return found
+    unstable = started_unstable(records, system, settings, local)
+    again = found if unstable is None else _fitted(records, unstable, settings, local)
+    return again if again.outcome is Outcome.CONVERGED else found
+
+
+def _fitted(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str]) -> Estimate:
     pieces = in_pieces(records, system, settings, local)
     layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -32,13 +32,14 @@ class Write(Protocol):
 class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
 
-    ``page``: its folder holds a page to begin with, and it takes long enough for a bar of progress.
+    ``page``: its folder holds a page to begin with. ``bar``: it takes long enough for a bar of progress, as all that make a page do.
     """
 
     run: Callable[[int | None, Progress], Any]
     write: Write
     show: Callable[[Any], None]
     page: bool = False
+    bar: bool = False
 
 
 def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
@@ -58,7 +59,7 @@ def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figur
     from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar
 
-    with named_after(scenario_file(name)), progress_bar() if runner.page else nullcontext(_untold) as progress:
+    with named_after(scenario_file(name)), progress_bar() if runner.page or runner.bar else nullcontext(_untold) as progress:
         study = runner.run(seed, progress)
     if folder is not None:
         runner.write(study, folder, figures=figures)
@@ -75,6 +76,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.studies.catalogue import load_scenario
     from scenarios.studies.comparison import check_display
     from scenarios.studies.files import write_study
+    from scenarios.studies.repeated import fly_repeatedly
     from scenarios.studies.study import Study, run_scenario
     from scenarios.studies.text import print_study
 
@@ -83,9 +85,9 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     def run(seed: int | None, progress: Progress) -> Study:
         study = run_scenario(scenario, seed)
         check_display(study)
-        return study
+        return replace(study, repeated=fly_repeatedly(scenario, seed, progress))
 
-    return Runner(run, write_study, print_study)
+    return Runner(run, write_study, print_study, bar=scenario.repeated is not None)
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:

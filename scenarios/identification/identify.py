@@ -76,7 +76,7 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
-    flown = _of_parameters(estimate, system.parameters)
+    flown = estimate.only(system.parameters.names)
     derived = modal_estimate(system, flown, slow) if airborne else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
         derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
@@ -163,17 +163,6 @@ def _forced(model: Model) -> Model:
         what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
         raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
     return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
-
-
-def _of_parameters(estimate: Estimate, parameters: ParameterSet) -> Estimate:
-    at = [i for i, name in enumerate(estimate.names) if name in parameters]
-    return replace(
-        estimate,
-        names=tuple(estimate.names[i] for i in at),
-        units=tuple(estimate.units[i] for i in at),
-        values=estimate.values[at],
-        covariance=estimate.covariance[np.ix_(at, at)],
-    )
 
 
 def _refuse_beyond_measure(record: Record) -> None:

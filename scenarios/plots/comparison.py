@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,9 @@ from scenarios.plots.style import (
     finish,
     folded,
     make_sheet,
+    method_style,
     text_width,
+    y_label,
 )
 
 CLIP = 8.0  # standard deviations; an error beyond becomes an arrow with its size
@@ -61,6 +63,52 @@ class EquivalentRow:
     std: float
     published: float | None = None
     published_std: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCloud:
+    """Errors of one method on one flight in its own sigmas, ``(n, M)`` by derivative and run, and how often each outcome came."""
+
+    method: str
+    flight: str
+    names: tuple[str, ...]
+    sigmas: np.ndarray
+    outcomes: Mapping[str, int]
+
+
+def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
+    """Errors of all runs in reported sigmas, a panel a method: of each derivative a column of dots for each flight, its root mean square a bar.
+
+    The band of two is shaded; errors beyond ``CLIP`` stand at the edge. Above a panel how many runs settled.
+    """
+    methods, flights = list(dict.fromkeys(each.method for each in clouds)), list(dict.fromkeys(each.flight for each in clouds))
+    sheet = make_sheet([1.45] * len(methods), row_gap=0.42)
+    for method, panel in zip(methods, sheet.panels, strict=True):
+        mine = [each for each in clouds if each.method == method]
+        names = mine[0].names
+        settled = ", ".join(f"{each.flight} {each.outcomes.get('converged', 0)} of {sum(each.outcomes.values())}" for each in mine)
+        caption(panel, f"{method}; settled: {settled}")
+        panel.axhspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
+        panel.axhline(0.0, **ZERO)
+        for each in mine:
+            place = flights.index(each.flight)
+            style = {"color": method_style(place)["color"], "label": each.flight}
+            offset = (place - 0.5 * (len(flights) - 1)) * 0.8 / len(flights)
+            for i, errors in enumerate(each.sigmas):
+                spread = np.linspace(-0.06, 0.06, max(len(errors), 1))[: len(errors)]
+                shown = np.clip(errors, -CLIP, CLIP)
+                panel.plot(i + offset + spread, shown, ".", markersize=2.5, markeredgewidth=0.0, **style)
+                if len(errors):
+                    size = min(float(np.sqrt(np.mean(errors**2))), CLIP)
+                    panel.plot([i + offset] * 2, [-size, size], "-", linewidth=1.4, color=style["color"])
+        panel.set_xticks(range(len(names)), [symbol(name) for name in names])
+        panel.tick_params(labelbottom=True)
+        panel.set_xlim(-0.6, len(names) - 0.4)
+        widest = max((float(np.max(np.abs(each.sigmas), initial=0.0)) for each in mine), default=0.0)
+        panel.set_ylim(*(np.array([-1.05, 1.05]) * min(max(widest, 3.5), CLIP)))
+        panel.grid(False, axis="x")
+        y_label(panel, "error (σ)")
+    return finish(sheet, title, bottom=0.3, head=0.24)
 
 
 def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:

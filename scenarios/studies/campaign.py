@@ -11,9 +11,9 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.filters.ekf import SETTLED
 from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.studies.declaration import Estimation, Scenario
-from scenarios.studies.estimating import compiled, declared_model, estimate_record, filter_settings, vehicle_constants
+from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again
-from scenarios.studies.study import assumed_noise, references
+from scenarios.studies.study import references
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.record import Record
@@ -61,15 +61,15 @@ class Campaign:
 def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Campaign:
     """Run a scenario's main estimation with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
 
-    Filters run as one batch; whole-record fits one after the other. Where process noise really acts every run is
-    flown anew, else the same flight is measured again.
+    Filters run as one batch; whole-record fits one after the other. Where process noise really acts or measured outputs are
+    fed back every run is flown anew, else the same flight is measured again.
     """
     first = scenario.seed if seed is None else seed
     estimation = scenario.estimations[0]
     record, truth = fly_scenario(scenario, first)
     records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
     model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
-    if estimation.method == "ekf":
+    if estimation.method == "ekf" and not scenario.flight.feedback:  # a batch has one input, and under feedback no two runs have the same
         names, values, std, sound = _bank(estimation, records, model)
     else:
         done = [estimate_record(estimation, each, model).estimate for each in records]
@@ -89,7 +89,7 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
 
 
 def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
-    if scenario.flight.process_noise:
+    if scenario.flight.process_noise or scenario.flight.feedback:
         record, truth = fly_scenario(scenario, seed)
         return measured_again(record, truth, estimation.flown_noise_std, seed) if estimation.flown_noise_std else record
     if estimation.flown_noise_std:

@@ -12,6 +12,7 @@ from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
+from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.terminal.flying_qualities import levels_content
@@ -40,6 +41,8 @@ def comparison(study: Study) -> dict[str, Any]:
         out["inputs"] = {"models": [file.name for file in files], "models_sha256": [file.sha256 for file in files]}
     if study.flexibility is not None:
         out["flexibility"] = flexibility_content(study.flexibility)
+    if study.repeated:
+        out["repeated"] = [_repeated(each) for each in study.repeated]
     if len(study.methods) > 1:
         out["methods"] = {method.estimation.name: method_content(method) for method in study.methods[1:]}
     return out
@@ -60,6 +63,21 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
         "best_rigid": dict(found.fitted),
     }
     return content | ({"separation": found.separation} if math.isfinite(found.separation) else {})
+
+
+def _repeated(each: Scatter) -> dict[str, Any]:
+    """One estimator's errors over the runs of one flight; derivatives are left out where no run settled."""
+    share, interval = each.within_two
+    table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
+    known = {name: {"rms_error": float(rms), "rms_error_sigmas": float(sigmas), "unit": unit} for name, unit, rms, sigmas in table}
+    return {
+        "flight": each.flight,
+        "method": each.estimation.name,
+        "outcomes": dict(each.outcomes),
+        "within_two_sigma": share,
+        "interval": list(interval),
+        "parameters": known if each.errors.shape[1] else {},
+    }
 
 
 def method_content(method: MethodResult) -> dict[str, Any]:

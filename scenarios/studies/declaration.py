@@ -44,6 +44,8 @@ class Flight:
     step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
     process_noise : spectral densities of forcing that really acts, by state or parameter.
     noise_std : measurement noise, by output.
+    derivatives : true values in the place of the vehicle's.
+    feedback : by input, then by output, gains with which what is measured moves the input.
     """
 
     vehicle: str
@@ -55,7 +57,26 @@ class Flight:
     step: float = 0.001
     integration: str = "rk4"
     process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    derivatives: Mapping[str, float] = field(default_factory=lambda: EMPTY)
+    feedback: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A flight to be repeated: ``label`` for tables and figures, and the names of the estimations that its records go to."""
+
+    label: str
+    flight: Flight
+    methods: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Flights that are flown ``runs`` times each, with a seed a run."""
+
+    runs: int
+    flights: tuple[Variation, ...]
 
 
 @dataclass(frozen=True)
@@ -75,7 +96,7 @@ class Estimation:
     ----------
     name : key in the study. label : for tables and figures. explanation : what a reader should know of the result.
     model, modes : estimation model; of a user's file ``own``, as the file declares it. outputs : those used.
-    method : ``"ekf"``, ``"ukf"``, ``"output-error"`` or ``"equation-error"``.
+    method : ``"ekf"``, ``"ukf"``, ``"output-error"``, ``"filter-error"`` or ``"equation-error"``.
     start : starting values and priors of the free parameters. initial : of the states.
     held : parameters that are not estimated and not constants of the vehicle.
     noise_std : measurement noise that the estimator assumes; empty takes that of the record's sensors.
@@ -126,6 +147,7 @@ class Scenario:
     seed : the default seed.
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     files : users' model files that it names, with their hashes.
+    repeated : flights that show how the estimates scatter; None where one flight is all.
     """
 
     name: str
@@ -139,3 +161,4 @@ class Scenario:
     seed: int = 1
     flown: Flown | None = None
     files: tuple[InputFile, ...] = ()
+    repeated: Repeated | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
-from scenarios.studies.declaration import Estimation, Start
+from scenarios.studies.declaration import Estimation, Scenario, Start
 from scenarios.studies.flying import STEPS
 from scenarios.studies.own import own_biases, own_declared
 from sim.declaration.compile import compile_model
@@ -97,6 +97,11 @@ def declared_model(estimation: Estimation, constants: Mapping[str, float], noise
     return replace(model, parameters=free, initial=start, noise=Noise(dict(noise_std), dict(estimation.process_noise)))
 
 
+def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
+    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
+    return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
+
+
 def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
     """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and none where the model has its own."""
     if estimation.own is not None:
@@ -110,7 +115,7 @@ def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
 def compiled(estimation: Estimation, model: Model) -> System:
     """The System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
-    if estimation.method == "output-error":
+    if estimation.method in ("output-error", "filter-error"):
         model = model.with_biases(_biased(estimation, model))
     return compile_model(model, estimation.outputs, online=filtering)
 
@@ -120,6 +125,12 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
     if estimation.own is not None:
         return own_biases(model, estimation.outputs)
     return [name for name in estimation.outputs if not (estimation.model == "ballistic" and name == "altitude")]
+
+
+def _longest_step(estimation: Estimation) -> float:
+    """Largest integration step of a whole-record fit, s; an own model may be a thousand times slower than an aircraft: its scenario's word counts."""
+    told = estimation.own is not None and math.isfinite(estimation.max_step)
+    return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
 
 
 def filter_settings(estimation: Estimation) -> FilterSettings:
@@ -136,10 +147,13 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
     elif estimation.method == "output-error":
         from ident.whole_record.output_error import FitSettings, fit_output_error
 
-        # An own model may be a thousand times slower than an aircraft: what its scenario says is taken as it is.
-        told = estimation.own is not None and math.isfinite(estimation.max_step)
-        longest = estimation.max_step if told else min(FIT_STEP, estimation.max_step)
-        estimate = fit_output_error([record], system, FitSettings(max_step=longest, use_priors=estimation.use_priors))
+        estimate = fit_output_error([record], system, FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors))
+    elif estimation.method == "filter-error":
+        from ident.process_noise.filter_error import FitSettings, fit_filter_error
+
+        settings = FitSettings(max_step=_longest_step(estimation), use_priors=estimation.use_priors)
+        calm = compiled(estimation, model.with_noise(replace(model.noise, process_density={})))
+        estimate = fit_filter_error([record], system, settings, calm=calm)
     else:
         from ident.regression.equation_error import run_equation_error
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
-from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
+from scenarios.plots.comparison import ComparisonRow, EquivalentRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
@@ -51,6 +51,9 @@ def draw_study(study: Study, folder: Path) -> None:
         against = "condensed" if scenario.condensed else "true"
         label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
         save_figure(figure_comparison(rows, f"{title}\n{label}error against the {against} value"), folder, "errors")
+    if study.repeated:
+        clouds = [ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes) for each in study.repeated]
+        save_figure(figure_repeated(clouds, title), folder, "repeated")
     if scenario.condensed:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
 

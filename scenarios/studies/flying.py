@@ -18,6 +18,7 @@ from sim.maneuvers.steps import Maneuver, MultiStep, Sum, doublet, pulse, step, 
 from sim.maneuvers.sweep import Sweep
 from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
+from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
 from sim.vehicles.library import read_parameter_set
@@ -37,7 +38,14 @@ DISTANCES = {
 def true_model(flight: Flight) -> Model:
     """The vehicle that really flies, with its noise."""
     noise = Noise(flight.noise_std, flight.process_noise)
-    return vehicle_model(flight.vehicle, flight.modes, noise) if flight.own is None else flight.own.with_noise(noise)
+    if flight.own is not None:
+        return flight.own.with_noise(noise)
+    model = vehicle_model(flight.vehicle, flight.modes, noise)
+    free = model.parameters.free_names
+    for name in flight.derivatives:
+        if name not in free:
+            raise DeclarationError(f"there is no derivative {name!r}", where="key flight.derivatives", remedy=f"use {', '.join(free)}")
+    return model.with_values(flight.derivatives)
 
 
 def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
@@ -72,6 +80,19 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     if flight.own is not None:
         by_input = held_alike(by_input, flight.maneuvers, time)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    if flight.feedback:
+        return fly_with_feedback(
+            model,
+            by_input,
+            flight.feedback,
+            time,
+            np.random.default_rng(seed),
+            step=min(flight.step, 1.0 / flight.rate),
+            method=STEPS[flight.integration],
+            outputs=measured,
+            distance=DISTANCES[scenario.distance],
+            name=scenario.name,
+        )
     return fly(
         model,
         by_input,

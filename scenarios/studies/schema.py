@@ -13,7 +13,7 @@ from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_model_file
 from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.declaration import Estimation, Flight, ManeuverPlan, PublishedChoice, Scenario, Start
+from scenarios.studies.declaration import Estimation, Flight, ManeuverPlan, PublishedChoice, Repeated, Scenario, Start, Variation
 from scenarios.studies.own import completed, model_files, truth_of
 from scenarios.studies.quantities import Quantity, density, positive, si, standard_deviations, unit_of
 from sim.declaration.model import Model
@@ -69,6 +69,21 @@ class _Flight(_Strict):
     noise_std: dict[str, Quantity] = {}
     noise_variance: dict[str, str] = {}
     process_noise: dict[str, Quantity] = {}
+    derivatives: dict[str, float] = {}
+    feedback: dict[str, dict[str, float]] = {}
+
+
+class _Variation(_Strict):
+    label: Name
+    methods: list[Name] = []
+    process_noise: dict[str, Quantity] | None = None
+    derivatives: dict[str, float] | None = None
+    feedback: dict[str, dict[str, float]] | None = None
+
+
+class _Repeated(_Strict):
+    runs: int = Field(ge=2)
+    flights: list[_Variation] = Field(min_length=1)
 
 
 class _Published(_Strict):
@@ -83,7 +98,7 @@ class _Estimate(_Strict):
     model: Annotated[str, AfterValidator(model_name("rigid", "flexible", "ballistic", "lateral", "longitudinal"))]
     modes: int = Field(default=0, ge=0)
     outputs: list[str] | None = Field(default=None, min_length=1)
-    method: Literal["ekf", "ukf", "output-error", "equation-error"] = "ekf"
+    method: Literal["ekf", "ukf", "output-error", "filter-error", "equation-error"] = "ekf"
     start: dict[str, _Spread] | None = None
     initial: dict[str, _Spread] | None = None
     held: dict[str, Quantity] = {}
@@ -114,6 +129,7 @@ class _Scenario(_Strict):
     display: dict[str, str] = {}
     aircraft_class: Literal["I", "II", "II-C", "II-L", "III", "IV"] | None = None
     flight_phase: Literal["A", "B", "C"] | None = None
+    repeated: _Repeated | None = None
 
 
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
@@ -154,7 +170,23 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.seed,
         flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
         tuple(file.identity for file in files.values()),
+        _repeated(content, [each.name for each in mains], where, files) if content.repeated else None,
     )
+
+
+def _repeated(content: _Scenario, names: Sequence[str], where: str, files: Mapping[str, OwnModel]) -> Repeated:
+    """The flights to be repeated: each the scenario's own with those tables replaced that it gives itself."""
+    assert content.repeated is not None
+    flights = []
+    for number, given in enumerate(content.repeated.flights, start=1):
+        unknown = [name for name in given.methods if name not in names]
+        if unknown:
+            place = f"{where}, key repeated.flights[{number}].methods"
+            raise DeclarationError(f"there is no method {unknown[0]!r}", where=place, remedy=f"use {', '.join(names)}")
+        changed = {key: value for key, value in given.model_dump(exclude={"label", "methods"}).items() if value is not None}
+        flight = _flight(content.flight.model_copy(update=changed), content.estimate.model, where, files)
+        flights.append(Variation(given.label, flight, tuple(given.methods or names)))
+    return Repeated(content.repeated.runs, tuple(flights))
 
 
 def _flight(flight: _Flight, fitted: str, where: str, files: Mapping[str, OwnModel]) -> Flight:
@@ -173,6 +205,8 @@ def _flight(flight: _Flight, fitted: str, where: str, files: Mapping[str, OwnMod
         positive(si(flight.step, "s", f"{place}.step"), f"{place}.step"),
         flight.integration,
         {name: density(name, value, f"{place}.process_noise.{name}", model) for name, value in flight.process_noise.items()},
+        dict(flight.derivatives),
+        {name: dict(gains) for name, gains in flight.feedback.items()},
         own,
     )
 

@@ -13,10 +13,11 @@ from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
-from scenarios.studies.estimating import Result, compiled, declared_model, estimate_record, vehicle_constants
+from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
 from scenarios.studies.published import published_values
+from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from sim.errors import ModelError
 from sim.record import Record
@@ -44,7 +45,7 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scenario that has been run; the main method's result first."""
+    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, where they were flown."""
 
     scenario: Scenario
     seed: int
@@ -53,6 +54,7 @@ class Study:
     methods: tuple[MethodResult, ...]
     notes: tuple[str, ...] = ()
     flexibility: Flexibility | None = None
+    repeated: tuple[Scatter, ...] = ()
 
     @property
     def main(self) -> MethodResult:
@@ -81,11 +83,6 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
         return EMPTY
     values = read_parameter_set(scenario.flight.vehicle).values
     return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
-
-
-def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float]:
-    """Measurement noise that an estimator is told: the sensors' data sheet unless the estimation says otherwise."""
-    return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
@@ -128,8 +125,9 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     z, valid = record.output_array(estimate.output_names)
     tests = residual_tests(estimate, np.where(valid, z - estimate.fitted[0], 0.0), valid)
     rests = estimation.model != "ballistic" and moves_about_rest(model)
-    derived = modal_estimate(compiled(estimation, model), estimate) if rests else {}
-    modes = characteristics(compiled(estimation, model), estimate) if scenario.flown is not None else None
+    own_parameters = estimate.only(model.parameters.names)
+    derived = modal_estimate(compiled(estimation, model), own_parameters) if rests else {}
+    modes = characteristics(compiled(estimation, model), own_parameters) if scenario.flown is not None else None
     levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
     return MethodResult(result, rows, derived, fixed, tests, levels)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.text import Text
 
 from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.terminal.flying_qualities import levels_line
@@ -24,6 +25,9 @@ def print_study(study: Study, out: Console | None = None) -> None:
     for method in study.methods:
         out.print()
         _print_method(study, method, out)
+    if study.repeated:
+        out.print()
+        _print_repeated(study.repeated, out)
     if study.flexibility is not None:
         out.print()
         for sentence in flexibility_sentences(study.flexibility, study.scenario.flight.noise_std):
@@ -65,6 +69,26 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     for line in (derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
         if line:
             print_paragraph(out, line)
+
+
+def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
+    """Errors over all runs of the repeated flights: in reported sigmas, then in the derivatives' units."""
+    names, runs = found[0].names, sum(found[0].outcomes.values())
+    common = [Column("flight: method", [f"{each.flight}: {each.estimation.label}" for each in found], left=True)]
+    shares = [each.within_two for each in found]
+    judged = [
+        Column("settled", [str(each.outcomes.get("converged", 0)) for each in found]),
+        Column("within 2 sigma", [f"{100 * share:.0f} %" for share, _ in shares]),
+        Column("95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]),
+    ]
+    in_sigmas = [Column(name, [f"{each.rms_sigmas[i]:.2f}" for each in found]) for i, name in enumerate(names)]
+    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
+    in_units = [Column(name, [f"{each.rms[i]:.3g}" for each in found]) for i, name in enumerate(names)]
+    print_table(out, "the same in the derivatives' units", [*common, *in_units])
+    for each in found:
+        others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
+        if others:
+            print_paragraph(out, f"{each.flight}, {each.estimation.label}: {others} of {runs} left out")
 
 
 def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:

@@ -71,11 +71,14 @@ def dynamics_of(parts: Parts, signals: Bus, measured: Measured) -> Callable[[Any
     equations, own, slices, input_names = parts.model.equations, parts.own, parts.slices, parts.input_names
     moved_in, moved_out = parts.moved_in, parts.moved_out
     with_states = [(effect, own[effect.name]) for effect in parts.dynamics if effect.states]
+    rate_names = tuple(f"{signal.name}_dot" for signal in equations.states) if any(rates_read_by(effect) for effect, _ in with_states) else ()
     clocks = [(effect, own[effect.name]) for effect in parts.clocks]
 
     def f(t: Any, x: Rows, u: Rows, p: Rows) -> list[Any]:
         s, vehicle = signals(t, x, u, p)
         rates = list(equations.derivatives(s, vehicle))
+        for name, rate in zip(rate_names, rates, strict=False):
+            s.__dict__.setdefault(name, rate)  # an own model may have a state of that name
         for effect, gather in with_states:
             rates += effect.derivatives(s, vehicle, gather(p))
         for clock, gather in clocks:

@@ -60,7 +60,7 @@ every_effect = pytest.mark.parametrize("effect", EFFECTS)
 FIXED_NAMES = {
     Station.INPUT_PATH: "input-delay actuator-lag actuator-second-order actuator-rate-limit actuator-saturation input-deadband input-backlash "
     "input-recorded-late",
-    Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode "
+    Station.DYNAMICS: "moment-nonlinearity lift-nonlinearity control-nonlinearity derivative-jump elastic-mode flow-separation "
     "density-scale-height drag-mach drag-jump yaw-nonlinearity roll-nonlinearity side-force-nonlinearity drag-nonlinearity varies",
     Station.DISTURBANCE: "gust-turbulence gust-discrete gust-horizontal speed-variation unmeasured-input phugoid",
     Station.SENSOR_PATH: "vane-offset sensor-scale sensor-lag sensor-delay sensor-drift sensor-spikes time-base accelerometer-offset "
