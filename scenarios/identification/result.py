@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
+from ident.statistics.profile import ProfileInterval
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.assessment.bounds import AtBound
+from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
@@ -20,6 +23,8 @@ class Identification:
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the records were prepared and the fit was made,
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
     the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
+    ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
+    likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last.
     """
 
     record: Record
@@ -37,3 +42,18 @@ class Identification:
     cautions: tuple[str, ...] = ()
     reading: OtherReading | None = None
     look: RawLook = NOTHING_SEEN
+    tied: tuple[Row, ...] = ()
+    at_bounds: tuple[AtBound, ...] = ()
+    intervals: tuple[ProfileInterval, ...] = ()
+    fits: tuple[RecordFit, ...] = ()
+
+
+@dataclass(frozen=True)
+class Options:
+    """What an identification is asked besides its method.
+
+    ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
+    """
+
+    profile: tuple[str, ...] | None = None
+    band: tuple[float, float] | None = None
