@@ -93,7 +93,7 @@ def simulate(
 
 @app.command()
 def identify(
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
+    records: Records,
     model: Model,
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values; a model of your own has them itself.")
@@ -105,15 +105,27 @@ def identify(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
+    method: Annotated[
+        str, typer.Option("--method", metavar="METHOD", help="output-error, filter-error, frequency-domain, equation-error, ekf, ukf.")
+    ] = "output-error",
+    validate: Annotated[
+        list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
+    ] = None,
+    profile: Annotated[
+        list[str] | None, typer.Option("--profile", metavar="NAME...", help="Profile-likelihood intervals of these parameters; all: of every one.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
+    ] = None,
     out: Out = None,
     figures: Figures = True,
 ) -> None:
-    """Parameters of a model from a measured record."""
-    from scenarios.commands.identify import identify_record
+    """Parameters of a model from measured records."""
+    from scenarios.commands.identify import identify_records, options_of
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    identify_record(Request((record,), model, vehicle, channels=channels, plan=plan), method, out, figures)
+    request = Request(tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan)
+    identify_records(request, method, out, figures, options_of(profile, band))
 
 
 @app.command()

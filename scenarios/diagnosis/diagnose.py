@@ -28,7 +28,7 @@ from scenarios.preparation.vehicle_model import moves_about_rest, outputs_with_b
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
-from sim.errors import DeclarationError, RecordError
+from sim.errors import DeclarationError
 from sim.record import Hold, Record
 
 if TYPE_CHECKING:
@@ -211,16 +211,11 @@ def _posed(opened: _Opened, plan: Plan) -> _Posed:
 
 
 def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:
+    from scenarios.preparation.plausibility import refuse_strangers
     from scenarios.preparation.reading import prepare
 
     ready = prepare(opened.records, model, plan, opened.choices, opened.validation, attitude=True)
-    _same_stick([*ready.fitted, *ready.validation])
-    measured = {name for record in ready.fitted for name in record.output_names}
-    for record in ready.validation:
-        if not measured.intersection(record.output_names):
-            known = ", ".join(sorted(measured))
-            what = f"none of the fitted channels ({known}) is measured here"
-            raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
+    refuse_strangers(ready.fitted, ready.validation)
     return ready
 
 
@@ -246,21 +241,6 @@ def _own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...]
         return (), ()
     source = read_source(path, DeclarationError, "a Python file")
     return read_effects(source, model), (source.identity,)
-
-
-def _same_stick(records: Sequence[Record]) -> None:
-    """The stick is never converted: numbers of two units must not meet in one call."""
-    if STICK not in records[0].input_names:
-        return
-    first = records[0]
-    for record in records[1:]:
-        if record[STICK].unit != first[STICK].unit:
-            what = f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in {_label(first[STICK].unit)}"
-            raise RecordError(what, where=record.name, remedy="give all records of a call the stick in one unit: it is never converted")
-
-
-def _label(unit: str) -> str:
-    return "no unit" if unit in ("", "1") else repr(unit)
 
 
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:

@@ -19,7 +19,7 @@ from scenarios.files.own_models import is_own
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.bounds import tied_rows, within_bounds
 from scenarios.identification.assessment.intervals import profiled, refuse_profile
-from scenarios.identification.assessment.prediction import record_fits
+from scenarios.identification.assessment.prediction import RecordFit, record_fits
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import delays_of, estimated, refuse_band
@@ -37,6 +37,7 @@ from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
 FILTERS = ("ekf", "ukf")
+SIMULATED = ("output-error", FREQUENCY)  # methods whose fitted outputs are those of a free simulation
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
 FIT_STEP = 0.01
 PASSES = 5
@@ -84,7 +85,8 @@ def identify(
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
-    bounded, system, estimate, at_bounds = within_bounds(biased, lambda each: _estimated(records, each, outputs, method, settings, options))
+    kept = method not in FILTERS  # filters know no bounds
+    bounded, system, estimate, at_bounds = within_bounds(biased, lambda each: _estimated(records, each, outputs, method, settings, options), kept=kept)
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
@@ -100,7 +102,7 @@ def identify(
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
         derived,
-        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free},
+        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
         _tests(records, estimate),
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
@@ -108,7 +110,7 @@ def identify(
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
         intervals=_intervals(records, bounded, outputs, estimate, settings, options),
-        fits=record_fits(records, held_out, compile_model(bounded, outputs), estimate.as_dict(), settings, [PATH]),
+        fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
 
 
@@ -123,6 +125,14 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record])
     values = {**found.estimate.as_dict(), **{name: value for name, (value, _) in found.fixed.items()}}
     fits = record_fits([record], held_out, system, values, settings)
     return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), fits=fits)
+
+
+def _fits(
+    records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings
+) -> tuple[RecordFit, ...]:
+    """Free simulations of all records; those that the estimate carries already are not made again."""
+    simulated = estimate.fitted if estimate.method in SIMULATED and estimate.output_names == system.output_names else ()
+    return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated)
 
 
 def _laid_down(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:

@@ -31,15 +31,16 @@ class AtBound:
 
 
 def within_bounds(
-    model: Model, estimated: Callable[[Model], tuple[System, Estimate]]
+    model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
     """An estimate whose sigmas are those of what is free: parameters that end at a bound are held there, and the rest estimated again.
 
-    Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back with them held.
+    Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back with them held. ``kept``: the method keeps
+    bounds; what one does not keep cannot end at one.
     """
     system, estimate = estimated(model)
     found: list[AtBound] = []
-    while pressed := _pressed(model, estimate):
+    while kept and (pressed := _pressed(model, estimate)):
         if len(pressed) == sum(name in model.parameters for name in estimate.names):
             break  # nothing would be left to estimate
         found += pressed

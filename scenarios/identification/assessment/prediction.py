@@ -43,18 +43,20 @@ def record_fits(
     values: Mapping[str, float],
     settings: FitSettings,
     local: Collection[str] = (),
+    known: Sequence[np.ndarray] = (),
 ) -> tuple[RecordFit, ...]:
-    """Each record simulated with the parameters at ``values``, those that were fitted first."""
-    return tuple(
-        record_fit(record, system, values, settings, local, held_out=number >= len(fitted)) for number, record in enumerate([*fitted, *held_out])
-    )
+    """Each record simulated with the parameters at ``values``, those that were fitted first.
+
+    Initial states, ``bias_*`` and the parameters ``local`` to a record are fitted to it. ``known``: simulations ``(m, N)`` that are there already.
+    """
+    out = []
+    for number, record in enumerate([*fitted, *held_out]):
+        rows = known[number] if number < len(known) else simulated(record, system, values, settings, local)
+        out.append(_judged(record, system, rows, held_out=number >= len(fitted)))
+    return tuple(out)
 
 
-def record_fit(
-    record: Record, system: System, values: Mapping[str, float], settings: FitSettings, local: Collection[str] = (), *, held_out: bool
-) -> RecordFit:
-    """One record: initial state, ``bias_*`` and the parameters ``local`` to a record are fitted, all else is at ``values``."""
-    rows = simulated(record, system, values, settings, local)
+def _judged(record: Record, system: System, rows: np.ndarray | None, *, held_out: bool) -> RecordFit:
     channels = tuple(name for name in system.output_names if name in record.output_names)
     if rows is None:
         blank = np.full((len(system.outputs), len(record)), np.nan)
