@@ -65,6 +65,7 @@ def frequency_fit(
 ) -> tuple[FrequencyFit | None, FrequencyProblem]:
     """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the problem."""
     settings = settings or FrequencySettings()
+    refuse_unfit(records, system, delays or {})
     problem = _posed(records, system, settings, delays or {})
     fit = _from_best_start(problem, records)
     if fit is not None:
@@ -73,6 +74,14 @@ def frequency_fit(
             again = fit_transforms(with_bands(problem, bands), fit)
             fit = fit if again is None or again.outcome is not Outcome.CONVERGED else again
     return fit, problem
+
+
+def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
+    """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for as many harmonics as there are unknowns."""
+    free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
+    unknown = len(free) + len(records) * len(system.states)
+    measured = max(sum(name in record.output_names for name in system.output_names) for record in records)
+    return usual_band(records, system.input_names, int(np.ceil(_SPARE * unknown / (2.0 * max(measured, 1)))))
 
 
 def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]:
@@ -101,14 +110,10 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
 
 
 def _posed(records: Sequence[Record], system: System, settings: FrequencySettings, delays: Mapping[str, str]) -> FrequencyProblem:
-    _refuse(records, system, delays)
     names = tuple(name for name in system.parameters.free_names if not name.startswith("bias_"))
     if not names:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
-    unknown = len(names) + len(records) * len(system.states)
-    measured = max(sum(name in record.output_names for name in system.output_names) for record in records)
-    fewest = int(np.ceil(_SPARE * unknown / (2.0 * max(measured, 1))))
-    band = settings.band or usual_band(records, system.input_names, fewest)
+    band = settings.band or band_for(records, system)
     found = tuple(transformed(record, system, band) for record in records)
     items = [system.parameters[name] for name in names]
     prior = np.array([item.prior_std if settings.use_priors else np.inf for item in items]) ** -2.0
@@ -125,7 +130,8 @@ def _posed(records: Sequence[Record], system: System, settings: FrequencySetting
     )
 
 
-def _refuse(records: Sequence[Record], system: System, delays: Mapping[str, str]) -> None:
+def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str, str]) -> None:
+    """Raise ModelError where a System has no frequency response that such a fit could use: see ``fit_frequency_domain``."""
     where, remedy = f"model with states {', '.join(system.state_names)}", "use output-error"
     if not system.inputs:
         raise ModelError("it has no input, to which a frequency response could be", where=where, remedy=remedy)

@@ -60,19 +60,19 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = request.model == "loes" and method == "ekf"
 
-    def identified(plan: Plan) -> tuple[Prepared, Identification]:
+    def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
         flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
         ready = prepare(files, model_of_file(vehicle), plan, choices, validation, flow=flow, attitude=attitude)
         refuse_strangers(ready.fitted, ready.validation)
         refuse_still(ready.fitted, ready.model)
         refuse_unpredictable(ready.validation, ready.model)
         first, *others = ready.measured if own else ready.fitted
-        found = identify(first, vehicle, method, others, ready.model, ready.validation, options)
+        found = identify(first, vehicle, method, others, ready.model, ready.validation, asked)
         return ready, replace(found, notes=(*ready.notes, *found.notes), doubts=ready.doubts, look=ready.look)
 
-    ready, found = identified(request.plan)
+    ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
-        found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold))[1])
+        found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
     if out is not None:
         _write(found, ready.measured, (files, validation), out, figures)
     _print(found)

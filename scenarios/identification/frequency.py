@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain
+from ident.frequency_domain.output_error import FrequencySettings, band_for, fit_frequency_domain, refuse_unfit
 from ident.whole_record.layout import FitSettings
 from scenarios.identification.assessment.prediction import simulated
+from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model
 from sim.declaration.system import System
@@ -36,6 +37,13 @@ def refuse_band(band: tuple[float, float] | None, method: str) -> None:
     low, high = band
     if not (math.isfinite(high) and 0.0 <= low < high):
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy="give the lower frequency first, in Hz")
+
+
+def chosen_band(records: Sequence[Record], model: Model, outputs: Sequence[str], band: tuple[float, float] | None) -> tuple[float, float]:
+    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no frequency response."""
+    system = compile_model(model, outputs)
+    refuse_unfit(records, system, delays_of(model))
+    return band or band_for(records, system)
 
 
 def estimated(

@@ -22,7 +22,7 @@ from scenarios.identification.assessment.intervals import profiled, refuse_profi
 from scenarios.identification.assessment.prediction import RecordFit, record_fits
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
-from scenarios.identification.frequency import delays_of, estimated, refuse_band
+from scenarios.identification.frequency import chosen_band, delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.result import Identification, Options
 from scenarios.preparation.trim import of_totals
@@ -85,6 +85,8 @@ def identify(
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
+    if method == FREQUENCY:
+        options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     kept = method not in FILTERS  # filters know no bounds
     bounded, system, estimate, at_bounds = within_bounds(biased, lambda each: _estimated(records, each, outputs, method, settings, options), kept=kept)
     rows = rows_of(estimate)
@@ -110,6 +112,7 @@ def identify(
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
         intervals=_intervals(records, bounded, outputs, estimate, settings, options),
+        band=options.band,
         fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
 

@@ -24,7 +24,8 @@ class Identification:
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
     the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
     ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
-    likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last.
+    likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
+    the frequency domain.
     """
 
     record: Record
@@ -46,6 +47,7 @@ class Identification:
     at_bounds: tuple[AtBound, ...] = ()
     intervals: tuple[ProfileInterval, ...] = ()
     fits: tuple[RecordFit, ...] = ()
+    band: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
