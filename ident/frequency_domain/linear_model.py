@@ -58,7 +58,8 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
 def bent(system: System, records: Sequence[Record]) -> str:
     """The first rate or output that is no linear function of states and inputs over the records' extent; empty where all are."""
     p = system.parameters.values()
-    model = linear_model(system, p, ())
+    with np.errstate(all="ignore"):  # what is not finite at rest is not linear
+        model = linear_model(system, p, ())
     names = [f"the rate of {name}" for name in system.state_names] + list(system.output_names)
     matrix = np.block([[model.A, model.B], [model.C, model.D]])
     sizes = np.array([_size(name, records) for name in (*system.state_names, *system.input_names)])
@@ -77,7 +78,7 @@ def bent(system: System, records: Sequence[Record]) -> str:
 
 def _values(system: System, point: np.ndarray, p: np.ndarray) -> np.ndarray:
     n = len(system.states)
-    x, u = point[:n].tolist(), point[n:].tolist()
+    x, u = list(point[:n]), list(point[n:])  # numbers of NumPy, whose division by zero is no exception
     return np.array([*system.f(0.0, x, u, p.tolist()), *system.h(0.0, x, u, p.tolist())], dtype=float)
 
 
