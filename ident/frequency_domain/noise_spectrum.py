@@ -42,7 +42,7 @@ def coloured(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands
     Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level to several is chi-squared with as
     many degrees as there are further levels.
     """
-    from scipy.stats import chi2
+    from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
     apart, count = levels(residuals, known, bands, floor)
     together, _ = levels(residuals, known, [np.zeros_like(band) for band in bands], floor)
@@ -51,11 +51,12 @@ def coloured(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands
         return False
     told = np.flatnonzero(count.sum(axis=1) > 0)
     ratio = 2.0 * np.sum(count[told] * np.log(together[told] / apart[told]), axis=1)
-    return bool(np.min(chi2.sf(ratio, degrees), initial=1.0) * max(len(told), 1) < SURE)
+    return bool(np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0) * max(len(told), 1) < SURE)
 
 
 def about_each(power: np.ndarray) -> np.ndarray:
     """Means of the power ``(m, f)`` over the neighbours of each frequency."""
-    from scipy.ndimage import uniform_filter1d
-
-    return np.asarray(uniform_filter1d(power, min(2 * REACH + 1, power.shape[1]), axis=1, mode="reflect"))
+    width = min(2 * REACH + 1, power.shape[1])
+    kernel = np.ones(width)
+    count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")
+    return np.array([np.convolve(row, kernel, mode="same") for row in power]) / count

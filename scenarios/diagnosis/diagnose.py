@@ -13,6 +13,7 @@ from scenarios.diagnosis.candidates import can_act, candidates_for, read_effects
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
+from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK
@@ -154,6 +155,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     if not moves_about_rest(posed.model):
         diagnosis = replace(diagnosis, derived_before={}, derived_after={})
     assert opened.vehicle.identity is not None
+    diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
     return Tracing(
         diagnosis,
         opened.vehicle,
@@ -164,7 +166,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: effect.traits for effect in reversed(candidates)},
-        posed.notes,
+        (*posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
         posed.doubts,
         kinematics,
         posed.look,
