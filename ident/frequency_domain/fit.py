@@ -21,6 +21,7 @@ from ident.statistics.normal_equations import LocalModel, add_normal_equations, 
 from sim.declaration.system import System
 
 _STEEPEST = 1e8  # damping from which no descent is left
+_WINDOW, _NOTHING = 8, 1e-3  # steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
 _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 
 
@@ -166,22 +167,30 @@ def fit_transforms(problem: FrequencyProblem, begun: FrequencyFit | None = None)
     fit = at_start(problem) if begun is None else evaluate(problem, np.clip(begun.theta, *problem.open))
     if fit is None:
         return None
-    damping, done = 1e-4, 0
-    while done < problem.iterations and not _arrived(fit):
-        done += 1
+    damping, costs, refused = 1e-4, [fit.cost], [False]
+    while len(costs) <= problem.iterations and not _arrived(fit) and not _between(costs, refused):
         model = fit.model
         trial = evaluate(problem, np.clip(fit.theta + model.scale * model.step(damping), *problem.open))
-        if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+        better = trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum()))
+        if trial is not None and better:
             fit, damping = trial, max(damping / 10.0, 1e-12)
         elif damping > _STEEPEST:
             break
         else:
             damping *= 10.0
-    return replace(fit, outcome=Outcome.CONVERGED if _arrived(fit) else Outcome.MAX_ITERATIONS, iterations=done)
+        costs.append(fit.cost)
+        refused.append(not better)
+    settled = _arrived(fit) or _between(costs, refused)
+    return replace(fit, outcome=Outcome.CONVERGED if settled else Outcome.MAX_ITERATIONS, iterations=len(costs) - 1)
 
 
 def _arrived(fit: FrequencyFit) -> bool:
     return fit.model.promised < 0.5 * fit.problem.tolerance**2
+
+
+def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
+    """Whether steps to either side lead nowhere: a delay of whole samples of a held input is a kink, and may be the best of all."""
+    return len(costs) > _WINDOW and costs[-1 - _WINDOW] - costs[-1] < _NOTHING and any(refused[-_WINDOW:])
 
 
 def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:

@@ -23,6 +23,7 @@ from sim.errors import FlightidError, ModelError
 from sim.record import Record
 
 METHOD = "frequency-domain"
+_LEAST_LEFT = 0.2  # of a residual, that a fit leaves where it follows a frequency as closely as it may
 _SPARE = 2.0  # real numbers in the transforms for each unknown, at least
 
 
@@ -76,6 +77,16 @@ def frequency_fit(
     return fit, problem
 
 
+def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
+    """Power ``(m, f)`` of a record's residuals, each as if it had had no part in the fit, which follows the strongest frequencies closely.
+
+    A residual over one less its leverage (MacKinnon and White, J. Econometrics 29, 1985: HC3); the leverage is the mean over both parts.
+    """
+    slope = fit.slopes[r]
+    leverage = sum(np.einsum("mfc,cd,mfd->mf", part, inverse, part) for part in (slope.real, slope.imag)) * 0.5 * fit.weight(r)
+    return np.asarray(np.abs(fit.residuals[r]) ** 2 / np.maximum(1.0 - leverage, _LEAST_LEFT) ** 2)
+
+
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
     """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for as many harmonics as there are unknowns."""
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
@@ -93,18 +104,18 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
     information, _ = fit.normal_equations
     inverse, determined = inverse_information(information, fit.theta)
     values = 2.0 * float(fit.counts.sum())
-    inverse = inverse * values / max(values - len(fit.theta), 1.0)
+    level = inverse * values / max(values - len(fit.theta), 1.0)
     if not colour:
-        return inverse, determined
+        return level, determined
     middle = np.zeros_like(inverse)
-    for r, (residual, slope) in enumerate(zip(fit.residuals, fit.slopes, strict=True)):
-        scatter = 0.5 * about_each(np.abs(residual) ** 2) * fit.weight(r) ** 2
+    for r, slope in enumerate(fit.slopes):
+        at = fit.problem.columns(r)
+        scatter = 0.5 * about_each(_as_if_left_out(fit, r, inverse[np.ix_(at, at)])) * fit.weight(r) ** 2
         parts = [np.sqrt(scatter)[:, :, None] * part for part in (slope.real, slope.imag)]
         rows = np.concatenate(parts, axis=1).reshape(-1, slope.shape[2])
-        at = fit.problem.columns(r)
         middle[np.ix_(at, at)] += rows.T @ rows
     corrected = inverse @ middle @ inverse
-    white, own = np.diag(inverse), np.diag(corrected)
+    white, own = np.diag(level), np.diag(corrected)
     factor = np.sqrt(np.maximum(white / np.maximum(own, 1e-12 * white), 1.0))
     return corrected * np.outer(factor, factor), determined
 

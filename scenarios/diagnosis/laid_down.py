@@ -21,8 +21,11 @@ def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
 def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis, tuple[str, ...]]:
     """The diagnosis with a sigma of zero, which is printed as a bound, for each parameter that ended at one; a sentence on each."""
     before, after = (_pressed(side, constraints.bounds) for side in (diagnosis.before, diagnosis.after))
-    told = [f"{name} is at its bound {side[name].value:g} {word}: it has no sigma" for side, names, word in (
-        (diagnosis.before, before, "with the declared model"), (diagnosis.after, after, "with what was found")) for name in names]
+    told = []
+    for name in dict.fromkeys([*before, *after]):
+        sides = [word for word, names in (("with the declared model", before), ("with what was found", after)) if name in names]
+        value = (diagnosis.before if name in before else diagnosis.after)[name].value
+        told.append(f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma")
     if not told:
         return diagnosis, ()
     return replace(diagnosis, before=_held(diagnosis.before, before), after=_held(diagnosis.after, after)), tuple(told)
