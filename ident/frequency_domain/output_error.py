@@ -80,11 +80,11 @@ def frequency_fit(
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
     """Power ``(m, f)`` of a record's residuals, each as if it had had no part in the fit, which follows the strongest frequencies closely.
 
-    A residual over one less its leverage (MacKinnon and White, J. Econometrics 29, 1985: HC3); the leverage is the mean over both parts.
+    Its square over one less its leverage (MacKinnon and White, J. Econometrics 29, 1985: HC2); the leverage is the mean over both parts.
     """
     slope = fit.slopes[r]
     leverage = sum(np.einsum("mfc,cd,mfd->mf", part, inverse, part) for part in (slope.real, slope.imag)) * 0.5 * fit.weight(r)
-    return np.asarray(np.abs(fit.residuals[r]) ** 2 / np.maximum(1.0 - leverage, _LEAST_LEFT) ** 2)
+    return np.asarray(np.abs(fit.residuals[r]) ** 2 / np.maximum(1.0 - leverage, _LEAST_LEFT))
 
 
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
