@@ -18,7 +18,7 @@ def profile_intervals(fit: FrequencyFit, names: Sequence[str], covariance: np.nd
     out = []
     for name in names:
         j = fit.problem.names.index(name)
-        sigma, white = float(np.sqrt(covariance[j, j])), float(np.sqrt(inverse[j, j]))
+        sigma, white = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (covariance, inverse))
         bounds = float(fit.problem.low[j]), float(fit.problem.high[j])
         refit = _refit(fit, j, inverse[:, j] / inverse[j, j])
         out.append(profile_interval(name, float(fit.theta[j]), sigma, fit.cost, refit, bounds, max((sigma / white) ** 2, 1.0)))

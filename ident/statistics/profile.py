@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 DROP = 4.0  # of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
 LEVEL = math.erf(math.sqrt(DROP / 2.0))
 CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interval
-REACH = 64.0  # times two sigmas (or the value itself, where that is less), beyond which a side is open
+REACH = 16.0  # times two sigmas (or the value itself, where that is less), beyond which a side is open: farther out simulations fail first
 GROWTH = 4.0  # of a step outwards at most
 TRIES = 14  # refits of a side
 SKEWED, OTHER = 1.25, 0.25  # ratio of the sides, and share by which they differ from two sigmas, from which a sigma does not tell the interval
@@ -84,6 +84,7 @@ def profile_interval(
     inflation : variance of the estimate over that which the likelihood's curvature gives: the drop is as many times ``DROP``, since a
         likelihood that takes coloured residuals for white is too sharp by that.
     """
+    sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [_end(_Side(refit, value, cost), sigma, sign, bounds[sign > 0], math.sqrt(DROP * inflation)) for sign in (-1.0, 1.0)]
     (low, low_bound, down), (high, high_bound, up) = ends
     return ProfileInterval(name, value, sigma, low, high, low_bound, high_bound, max(down, up))
@@ -98,7 +99,7 @@ def _end(side: _Side[State], sigma: float, sign: float, bound: float, goal: floa
     for _ in range(TRIES):
         r = side.root(side.value + sign * step)
         if abs(r - goal) <= CLOSE * goal:
-            return side.value + sign * step, False, side.better
+            return side.value + sign * min(step * goal / r, farthest), False, side.better
         if r > goal:
             outside, r_outside = step, r
         else:
@@ -108,7 +109,8 @@ def _end(side: _Side[State], sigma: float, sign: float, bound: float, goal: floa
             if step >= REACH * goal * max(size, sigma if sigma < REACH * size else size):
                 return None, False, side.better
         step = _next(inside, r_inside, outside, r_outside, goal, farthest)
-    return (None if math.isinf(outside) else side.value + sign * step), False, side.better
+    # Where the only way out leads to values that cannot be computed, the likelihood has not said no.
+    return (None if math.isinf(r_outside) else side.value + sign * outside), False, side.better
 
 
 def _next(inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float) -> float:

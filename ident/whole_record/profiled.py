@@ -31,7 +31,7 @@ def profile_intervals(
     out = []
     for name in names:
         j = fit.layout.shared.index(name)
-        sigma, white = float(np.sqrt(covariance[j, j])), float(np.sqrt(inverse[j, j]))
+        sigma, white = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (covariance, inverse))
         along = inverse[:, j] / inverse[j, j]
         bounds = float(fit.layout.low[j]), float(fit.layout.high[j])
         refit = _refit(fit, j, along, noise_at or (lambda at, theta: at.noise_model))

@@ -63,7 +63,7 @@ def test_an_own_model_has_them_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("tail", "top", "without", "said"),
     [
-        ("[fixed]\nCm_x = 1.0", "", (), r"key fixed\.Cm_x: there is no parameter 'Cm_x' to be estimated; did you mean 'Cm_q'\?|use one of"),
+        ("[fixed]\nCm_x = 1.0", "", (), r"key fixed\.Cm_x: there is no parameter 'Cm_x' to be estimated; did you mean 'Cm_"),
         ("[fixed]\nmass = 1.0", "", (), r"key fixed\.mass: there is no parameter 'mass' to be estimated"),
         ("[fixed]\nCm_q = 1.0", "", (), r"key fixed\.Cm_q: given twice, also under derivatives; keep one of the two"),
         ('[fixed]\nCm_q = "1 kg"', "", ("Cm_q",), r"key fixed\.Cm_q: .*1/rad"),
