@@ -17,6 +17,7 @@ class Outcome(Enum):
     """How an estimation ended; the value is the sentence to print."""
 
     CONVERGED = "converged"
+    AT_BOUND = "converged, with a parameter at its bound"
     MAX_ITERATIONS = "stopped at the iteration limit before the estimate settled"
     DIVERGED = "diverged: the state or its covariance left the range of finite numbers"
     INDEFINITE = "the covariance lost its positive definiteness"
@@ -35,6 +36,7 @@ class Outcome(Enum):
 
 
 _HINTS = {
+    "AT_BOUND": "it is held there, and sigmas are those of the others: widen [bounds] where the bound is a guess, or look for what the model lacks",
     "MAX_ITERATIONS": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
     "DIVERGED": "begin nearer: take the values of --method equation-error into the vehicle file, or a shorter part with --from and --to",
     "NOT_IDENTIFIABLE": "fly a maneuver that moves what it leaves open, or hold that parameter",

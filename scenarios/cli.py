@@ -123,7 +123,7 @@ def simulate(
 
 @app.command()
 def identify(
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="CSV, Parquet or MAT file.")],
+    records: Records,
     model: Model,
     vehicle: VehicleBeside = None,
     channels: Channels = None,
@@ -133,7 +133,18 @@ def identify(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    method: Annotated[str, typer.Option("--method", metavar="METHOD", help="ekf, ukf, output-error, filter-error, equation-error.")] = "output-error",
+    method: Annotated[
+        str, typer.Option("--method", metavar="METHOD", help="output-error, filter-error, frequency-domain, equation-error, ekf, ukf.")
+    ] = "output-error",
+    validate: Annotated[
+        list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
+    ] = None,
+    profile: Annotated[
+        list[str] | None, typer.Option("--profile", metavar="NAME...", help="Profile-likelihood intervals of these parameters; all: of every one.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
+    ] = None,
     aircraft_class: Class = None,
     category: Category = None,
     matrices: Annotated[
@@ -142,12 +153,14 @@ def identify(
     out: Out = None,
     figures: Figures = True,
 ) -> None:
-    """Parameters of a model from a measured record."""
-    from scenarios.commands.identify import identify_record
+    """Parameters of a model from measured records."""
+    from scenarios.commands.identify import identify_records, options_of
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    request = Request((record,), model, vehicle, channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category)
-    identify_record(request, method, out, figures, matrices)
+    request = Request(
+        tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
+    )
+    identify_records(request, method, out, figures, options_of(profile, band), matrices)
 
 
 @app.command()

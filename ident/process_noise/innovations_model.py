@@ -8,12 +8,13 @@ are estimated together by Fisher scoring.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.process_noise.discretised import Variation, discretised_noise, noise_slopes, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
+from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.linearise import Linearisation
 from ident.whole_record.noise_model import LaidOut, WeightedResiduals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
@@ -178,6 +179,14 @@ def process_noise(system: System, std: Mapping[str, float], present: Sequence[st
     declared = any(value > 0 and name in system.state_names for name, value in system.declared_noise.process_density.items())
     estimated = () if fixed else tuple(i for i, name in enumerate(names) if name in present)
     return ProcessNoise(names, levels, estimated, scale, declared and not fixed)
+
+
+def noise_started_at(fit: Fit, theta: np.ndarray) -> ProcessNoise:
+    """The noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
+    noise_model = fit.noise_model
+    assert isinstance(noise_model, ProcessNoise)
+    std, scale = noise_model.levels(theta)
+    return replace(noise_model, std=np.maximum(std, 1e-300), scale=scale)
 
 
 def _at_nodes(problem: RecordProblem, values: np.ndarray) -> np.ndarray:

@@ -11,28 +11,47 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     from scenarios.trials.planted.own_flight import OwnFlight
 
+SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}  # options that take every word up to the next option
+NONE_MEANS = {"--profile": "all"}  # what such an option without a word stands for
+FLAGS = ("--figures", "--no-figures", "--trust-record")
+BAND = ("--band",)  # options of two words
+FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record and no parameter
+
 
 def each_validated(given: list[str]) -> list[str]:
-    """``--validate A B`` as ``--validate A --validate B``: the option takes every file up to the next option, as it is documented.
+    """``--validate A B`` as ``--validate A --validate B``, and so ``--profile``: they take every word up to the next option, as documented.
 
-    Where that would leave no record to fit, it takes one file only.
+    Where that would leave no record to fit, ``--validate`` takes one file only. ``--profile`` takes no record, and alone means all parameters.
     """
-    if given[:1] != ["diagnose"]:
+    several = SEVERAL.get(given[0], ()) if given else ()
+    if not several:
         return given
-    out, taking, fitted = [], 0, 0
-    for place, text in enumerate(given[1:], start=1):
-        option = text.startswith("-") and text != "-"
-        if not option and taking > 1:
-            out += ["--validate", text]
+    out, option, taken, fitted = [given[0]], "", 0, 0
+    for text in given[1:]:
+        if text.startswith("-") and text != "-":
+            out += _unsaid(option, taken)
+            option, taken = text, 0
+            out.append(text)
             continue
-        out.append(text)
-        if option:
-            taking = 1 if text == "--validate" else 0
-        elif taking == 1:
-            taking = 2
-        elif not given[place - 1].startswith("--") or given[place - 1] in ("--figures", "--no-figures", "--trust-record"):
+        if option in several and not (option == "--profile" and text.lower().endswith(FILES)):
+            out += [text] if taken == 0 else [option, text]
+            taken += 1
+            continue
+        wanted = 0 if option in ("", *FLAGS, *several) or "=" in option else 2 if option in BAND else 1
+        if taken >= wanted:
+            out += _unsaid(option, taken)
             fitted += 1
-    return ["diagnose", *out] if fitted else given
+            option, taken = ("", 0) if option in several else (option, taken)
+        else:
+            taken += 1
+        out.append(text)
+    out += _unsaid(option, taken)
+    return out if fitted else given
+
+
+def _unsaid(option: str, taken: int) -> list[str]:
+    """What an option means that was given no word."""
+    return [NONE_MEANS[option]] if option in NONE_MEANS and taken == 0 else []
 
 
 def scenario_or_own(

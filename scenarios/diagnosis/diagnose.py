@@ -14,6 +14,7 @@ from scenarios.diagnosis.candidates import can_act, candidates_for, read_effects
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import Kinematics, kinematics_of_files
+from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK
@@ -29,7 +30,7 @@ from scenarios.preparation.vehicle_model import outputs_with_bias, step_for
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
-from sim.errors import DeclarationError, RecordError
+from sim.errors import DeclarationError
 from sim.record import Hold, Record
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     if not moves_about_rest(posed.model):
         diagnosis = replace(diagnosis, derived_before={}, derived_after={}, modes_before=None, modes_after=None)
     assert opened.vehicle.identity is not None
+    diagnosis, pressed = at_bounds(diagnosis, opened.vehicle.constraints)
     return Tracing(
         diagnosis,
         opened.vehicle,
@@ -166,7 +168,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.held_out_from,
         {effect.name: " ".join(effect.explanation.split()) for effect in candidates},
         {effect.name: effect.traits for effect in reversed(candidates)},
-        posed.notes,
+        (*posed.notes, *said_of(opened.vehicle.constraints, posed.model), *pressed),
         posed.doubts,
         kinematics,
         posed.look,
@@ -214,16 +216,11 @@ def _posed(opened: _Opened, plan: Plan) -> _Posed:
 
 
 def _ready(opened: _Opened, model: Model, plan: Plan) -> Prepared:
+    from scenarios.preparation.plausibility import refuse_strangers
     from scenarios.preparation.reading import prepare
 
     ready = prepare(opened.records, model, plan, opened.choices, opened.validation, attitude=True)
-    _same_stick([*ready.fitted, *ready.validation])
-    measured = {name for record in ready.fitted for name in record.output_names}
-    for record in ready.validation:
-        if not measured.intersection(record.output_names):
-            known = ", ".join(sorted(measured))
-            what = f"none of the fitted channels ({known}) is measured here"
-            raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
+    refuse_strangers(ready.fitted, ready.validation)
     return ready
 
 
@@ -250,21 +247,6 @@ def _own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...]
         return (), ()
     source = read_source(path, DeclarationError, "a Python file")
     return read_effects(source, model), (source.identity,)
-
-
-def _same_stick(records: Sequence[Record]) -> None:
-    """The stick is never converted: numbers of two units must not meet in one call."""
-    if STICK not in records[0].input_names:
-        return
-    first = records[0]
-    for record in records[1:]:
-        if record[STICK].unit != first[STICK].unit:
-            what = f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in {_label(first[STICK].unit)}"
-            raise RecordError(what, where=record.name, remedy="give all records of a call the stick in one unit: it is never converted")
-
-
-def _label(unit: str) -> str:
-    return "no unit" if unit in ("", "1") else repr(unit)
 
 
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:

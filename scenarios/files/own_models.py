@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.constraints import Constraints, refuse_nothing_left, take_constraints
 from scenarios.files.declarations import closest, toml_of
 from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import InputFile, Source, read_source
@@ -21,7 +21,7 @@ from sim.declaration.own_trial import Starts, parameters_asked
 from sim.errors import DeclarationError, ModelError
 
 SUFFIX = ".py"
-NOT_KEYS = ("name", "derivatives")  # of a vehicle file, which a constant's would hide
+NOT_KEYS = ("name", "derivatives", "fixed", "bounds", "tied")  # of a vehicle file, which a constant's would hide
 SHORT_PERIOD = ("alpha", "q", "nz")  # channels that the kinematics of pitching join
 EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
@@ -115,14 +115,20 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
             raise DeclarationError("it is in no equation", where=where, remedy="use it, or leave it out")
 
 
-def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model]:
-    """Name of the vehicle, and the model with the constants and starts that a vehicle file gives; what it leaves out stays as the model says.
+def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]:
+    """Name of the vehicle, the model with the constants and starts that a vehicle file gives, and what the file lays down about them.
+
+    What the file leaves out stays as the model says; the constraints are not in the model yet.
 
     Raises
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the wrong kind or unit or beyond its bounds.
     """
+    from scenarios.files.vehicles_schema import number_in
+
     path, content = source.path, toml_of(source)
+    free = [item for item in own.model.parameters if item.free]
+    laid_down = take_constraints(content, {item.name: item.unit for item in free}, path, {item.name: item.value for item in free})
     name, starts = content.pop("name", path.stem), content.pop("derivatives", {})
     if not isinstance(name, str) or not name:
         raise DeclarationError(f"{name!r} is no name", where=f"{path}, key name", remedy='write name = "..."')
@@ -130,17 +136,19 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model]:
         raise DeclarationError("this is no table", where=f"{path}, key derivatives", remedy="write [derivatives], and below it the starts")
     given = {item.name: item for item in own.model.parameters}
     values = {}
-    for table, free, keys in ((content, False, ""), (starts, True, "derivatives.")):
-        known = [item.name for item in given.values() if item.free is free]
+    for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
+        known = [item.name for item in given.values() if item.free is is_free]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
             if key not in known:
-                raise DeclarationError("there is no such key", where=where, remedy=_remedy(key, known, free=free, other=key in given))
-            values[key] = _number(value, given[key].unit, where)
+                raise DeclarationError("there is no such key", where=where, remedy=_remedy(key, known, free=is_free, other=key in given))
+            values[key] = number_in(value, given[key].unit, where)
     try:
-        return name, own.model.with_values(values)
+        model = own.model.with_values(values)
     except ModelError as error:
         raise DeclarationError(f"{error.where}: {error.what}", where=str(path), remedy=error.remedy) from None
+    refuse_nothing_left(laid_down, [item.name for item in free], path)
+    return name, model, laid_down
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
@@ -155,18 +163,3 @@ def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
         return "it is a constant: put it above [derivatives]" if free else "it is a parameter: put it under [derivatives]"
     what = "parameters" if free else "constants"
     return closest(key, known) if known else f"the model has no {what}"
-
-
-def _number(value: object, unit: str, where: str) -> float:
-    from pydantic_core import PydanticCustomError
-
-    from scenarios.files.vehicles_schema import quantity_in
-
-    try:
-        number = quantity_in(unit)(value)
-    except PydanticCustomError as error:
-        context: Mapping[str, Any] = error.context or {}
-        raise DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"])) from None
-    if not math.isfinite(number):
-        raise DeclarationError(f"value {number} is not a finite number", where=where, remedy="give a finite number")
-    return number

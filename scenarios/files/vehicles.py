@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scenarios.files.constraints import NONE, Constraints, refuse_nothing_left, said_where_it_stands, take_constraints
 from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.own_models import OwnModel, is_model_file, own_numbers, read_own_model
 from scenarios.files.sources import InputFile, Source
@@ -46,6 +47,7 @@ class VehicleFile:
     identity : name and hash of the file that was read, None where the values come from elsewhere.
     aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV, category A to C of MIL-F-8785C.
     own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
+    constraints : parameters that the file fixes, bounds or ties; their starts stand among the derivatives.
     """
 
     name: str
@@ -58,6 +60,7 @@ class VehicleFile:
     own_file: InputFile | None = field(default=None, compare=False)
     aircraft_class: str | None = None
     flight_phase: str | None = None
+    constraints: Constraints = NONE
 
 
 def vehicle_beside(record: Path) -> Path | None:
@@ -89,9 +92,10 @@ def read_vehicle(path: str | Path | None, model: str) -> VehicleFile:
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     """A user's own model with the numbers of a vehicle file, or with its own where there is none."""
-    name, model = own_numbers(own, source) if source is not None else (own.model.name, own.model)
+    name, model, laid_down = own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
     constants, starts = ({item.name: item.value for item in model.parameters if item.free is free} for free in (False, True))
-    return VehicleFile(name, model.name, constants, starts, (), own.identity if source is None else source.identity, model, own.identity)
+    identity = own.identity if source is None else source.identity
+    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down)
 
 
 def read_any_vehicle(path: str | Path) -> VehicleFile:
@@ -113,20 +117,27 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a value of the wrong kind, unit or sign.
     """
-    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema, refuse_unusable
+    from scenarios.files.vehicles_schema import SCHEMAS, mode_schema, refuse_unusable, units_of_starts
 
     path, content = source.path, toml_of(source)
+    units = units_of_starts(model, content.get("modes"))
+    laid_down = take_constraints(content, units, path)
     tables: list[dict[str, Any]] = []
     if model == "flexible":
         tables = _mode_tables(content, path)
         content = {**content, "modes": tables}
-    vehicle = checked(SCHEMAS[model], content, path).model_dump(exclude_none=True)
+    try:
+        vehicle = checked(SCHEMAS[model], content, path).model_dump(exclude_none=True)
+    except DeclarationError as error:
+        raise said_where_it_stands(error, laid_down, path) from None
     modes = []
     for number, table in enumerate(tables, start=1):
         values = checked(mode_schema(number, len(tables)), table, path, f"modes[{number}]").model_dump(exclude_none=True)
         modes.append((number, values))
     constants = {key: value for key, value in vehicle.items() if key not in ("name", "derivatives", "modes", *FLOWN)}
     refuse_unusable(model, constants, vehicle["derivatives"], path)
+    starts = {**vehicle["derivatives"], **{key: value for _, mode in modes for key, value in mode.items()}}
+    refuse_nothing_left(laid_down, [name for name in starts if name in units], path)
     return VehicleFile(
         vehicle.get("name", path.stem),
         model,
@@ -135,6 +146,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         tuple(modes),
         source.identity,
         **{key: vehicle.get(key) for key in FLOWN},
+        constraints=laid_down,
     )
 
 

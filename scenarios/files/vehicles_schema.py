@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,7 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
-from sim.vehicles.factory import ABOVE_ZERO, WHOLE_AXES
+from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
 
 STRICT = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
@@ -36,6 +37,18 @@ def quantity_in(target: str) -> Callable[[object], float]:
             raise PydanticCustomError("quantity", "unit", {"what": fault.what, "remedy": fault.remedy}) from None
 
     return convert
+
+
+def number_in(value: object, unit: str, where: str) -> float:
+    """A number or ``"24200 lb"`` in ``unit``. Raises DeclarationError that names ``where``."""
+    try:
+        number = quantity_in(unit)(value)
+    except PydanticCustomError as error:
+        context: Mapping[str, Any] = error.context or {}
+        raise DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"])) from None
+    if not math.isfinite(number):
+        raise DeclarationError(f"value {number} is not a finite number", where=where, remedy="give a finite number")
+    return number
 
 
 def _example(target: str) -> str:
@@ -121,6 +134,15 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
     couplings = [f"Ceta{number}_{by}{other}" for other in range(1, count + 1) if other != number for by in ("eta", "etadot")]
     optional: dict[str, Any] = {key: (_PURE | None, None) for key in couplings}
     return _table(f"Mode{number}", **_required({**own, **{key: _PURE for key in starts}}), **optional)
+
+
+def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
+    """What is estimated of a model, with its unit; ``modes`` is a file's list of elastic modes."""
+    kind = "rigid" if model == "flexible" else model
+    count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
+    own = {mode_parameter(local, i): unit for i in range(1, count + 1) for local, unit in MODE_DERIVATIVES.items()}
+    modal = {f"Ceta{i}_{by}{i}": "1" for i in range(1, count + 1) for by in ("eta", "etadot")}
+    return {**FAMILIES[kind][2], **own, **modal}
 
 
 def refuse_unusable(model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path) -> None:

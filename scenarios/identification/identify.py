@@ -11,13 +11,20 @@ from ident.estimate import Estimate, Outcome
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.flying_qualities.characteristics import characteristics
 from ident.flying_qualities.modal import modal_estimate
+from ident.statistics.profile import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.output_error import FitSettings, fit_output_error
+from scenarios.files.constraints import constraint_sentences
 from scenarios.files.own_models import is_own, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.assessment.bounds import tied_rows, within_bounds
+from scenarios.identification.assessment.intervals import profiled, refuse_profile
+from scenarios.identification.assessment.prediction import RecordFit, record_fits
 from scenarios.identification.cautions import cautions_of
+from scenarios.identification.frequency import METHOD as FREQUENCY
+from scenarios.identification.frequency import chosen_band, delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.result import Identification
+from scenarios.identification.result import Identification, Options
 from scenarios.preparation.trim import of_totals
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
@@ -30,7 +37,8 @@ from sim.errors import DeclarationError, RecordError
 from sim.record import Record
 
 FILTERS = ("ekf", "ukf")
-METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error")
+SIMULATED = ("output-error", FREQUENCY)  # methods whose fitted outputs are those of a free simulation
+METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
 FIT_STEP = 0.01
 BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
@@ -39,10 +47,18 @@ TURBULENCE = "gust-turbulence"
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
-def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence[Record] = (), model: Model | None = None) -> Identification:
+def identify(
+    record: Record,
+    vehicle: VehicleFile,
+    method: str,
+    others: Sequence[Record] = (),
+    model: Model | None = None,
+    held_out: Sequence[Record] = (),
+    options: Options = Options(),
+) -> Identification:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
-    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
+    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own. Records ``held_out`` are predicted.
 
     Each output but an altitude (of an own model those that it names) gets a bias, each record its own initial state. A filter takes its measurement
     noise from the residual of an output-error fit, its initial state from the first samples, and is
@@ -54,24 +70,26 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
     DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
     """
     records = [record, *others]
-    _refuse(records, vehicle, method)
+    _refuse([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
-        from scenarios.identification.low_order import identify_loes
-
-        found = identify_loes(record, vehicle)
-        system = compile_model(model_of_file(vehicle))
-        modes = characteristics(system, found.estimate)
-        return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), modes=modes, system=system)
+        return _low_order(record, vehicle, held_out)
     model = model or model_of_file(vehicle)
     own, said = vehicle.own is not None, ""
     if not own and not uses_attitude(vehicle, method):
-        model, records = without_theta(model, records)
+        model, every = without_theta(model, [*records, *held_out])
+        records, held_out = every[: len(records)], every[len(records) :]
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
     if not own:
         model, said = weighed(model, records, outputs)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
-    system, estimate = _estimated(records, biased, outputs, method, FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes)))
+    settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
+    if method == FREQUENCY:
+        options = replace(options, band=chosen_band(records, biased, outputs, options.band))
+    kept = method not in FILTERS  # filters know no bounds
+    bounded, system, estimate, at_bounds = within_bounds(
+        biased, lambda each: _estimated(records, each, outputs, method, settings, options), kept=kept
+    )
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
@@ -88,14 +106,55 @@ def identify(record: Record, vehicle: VehicleFile, method: str, others: Sequence
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
         derived,
-        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free},
+        {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
         _tests(records, estimate),
         tuple(others),
-        notes=tuple(note for note in (said, estimate.message) if note),
+        notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
         cautions=cautions_of(vehicle, estimate, rows),
         modes=characteristics(system, flown, slow) if airborne else None,
         system=system,
+        tied=tied_rows(bounded, estimate),
+        at_bounds=at_bounds,
+        intervals=_intervals(records, bounded, outputs, estimate, settings, options),
+        band=options.band,
+        fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
+
+
+def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record]) -> Identification:
+    """The low-order system by its own filter, and what it predicts."""
+    from scenarios.identification.low_order import identify_loes
+
+    found = identify_loes(record, vehicle)
+    model, settings = model_of_file(vehicle), FitSettings(FIT_STEP)
+    outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
+    system = compile_model(model.with_biases(outputs), outputs)
+    values = {**found.estimate.as_dict(), **{name: value for name, (value, _) in found.fixed.items()}}
+    fits = record_fits([record], held_out, system, values, settings)
+    modes = characteristics(compile_model(model), found.estimate)
+    return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), fits=fits, modes=modes, system=compile_model(model))
+
+
+def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:
+    """Free simulations of all records; those that the estimate carries already are not made again."""
+    simulated = estimate.fitted if estimate.method in SIMULATED and estimate.output_names == system.output_names else ()
+    return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated)
+
+
+def _laid_down(vehicle: VehicleFile, model: Model) -> tuple[str, ...]:
+    units = {item.name: item.unit for item in model.parameters}
+    return constraint_sentences(vehicle.constraints, {item.name: item.value for item in model.parameters}, units)
+
+
+def _intervals(
+    records: Sequence[Record], model: Model, outputs: list[str], estimate: Estimate, settings: FitSettings, options: Options
+) -> tuple[ProfileInterval, ...]:
+    """Profile-likelihood intervals where they are asked."""
+    if options.profile is None:
+        return ()
+    calm = compile_model(model, outputs)
+    system = compile_model(_forced(model), outputs) if estimate.method == "filter-error" else calm
+    return profiled(estimate, records, system, settings, options.profile, calm=calm, local=[PATH], delays=delays_of(model), band=options.band)
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
@@ -103,26 +162,39 @@ def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
     return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
 
-def _refuse(records: Sequence[Record], vehicle: VehicleFile, method: str) -> None:
-    """Refuse a method that there is not, or not for these records and this model."""
+def _refuse(records: Sequence[Record], vehicle: VehicleFile, method: str, options: Options, fitted: int) -> None:
+    """Refuse a method that there is not, or not for these records (the first ``fitted`` of them to be fitted) and this model."""
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
-    if len(records) > 1 and method in FILTERS:
-        what = f"a filter runs along one segment, and there are {len(records)}"
+    if fitted > 1 and method in FILTERS:
+        what = f"a filter runs along one segment, and there are {fitted}"
         raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+    if options.profile is not None:
+        refuse_profile(method)
+    refuse_band(options.band, method)
+    if method in FILTERS and vehicle.constraints.bounds:
+        what = f"a filter keeps no bounds, and the vehicle file bounds {', '.join(vehicle.constraints.bounds)}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error, equation-error or frequency-domain")
     for each in records:
         _refuse_beyond_measure(each)
+    if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
+        what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
 
 
-def _estimated(records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings) -> tuple[System, Estimate]:
+def _estimated(
+    records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
+) -> tuple[System, Estimate]:
     """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
     system = compile_model(model, outputs)
     if method == "equation-error":
         from ident.regression.equation_error import run_equation_error
 
         return system, run_equation_error(records, system)
+    if method == FREQUENCY:
+        return system, estimated(records, system, settings, delays_of(model), options.band)
     if method == "filter-error":
         from ident.process_noise.filter_error import fit_filter_error
 

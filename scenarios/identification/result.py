@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 from ident.estimate import Estimate
 from ident.flying_qualities.characteristics import Characteristics
+from ident.statistics.profile import ProfileInterval
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.assessment.bounds import AtBound
+from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.identification.input_reading import OtherReading
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from scenarios.studies.rows import Row
@@ -23,6 +26,9 @@ class Identification:
     ``doubts`` what in the files is likely to be wrong, ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what
     the other way to read inputs between samples changes, None where nothing is moved by more than a sigma or where it was not asked.
     ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
+    ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
+    likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
+    the frequency domain.
     """
 
     record: Record
@@ -42,3 +48,19 @@ class Identification:
     look: RawLook = NOTHING_SEEN
     modes: Characteristics | None = None
     system: System | None = None
+    tied: tuple[Row, ...] = ()
+    at_bounds: tuple[AtBound, ...] = ()
+    intervals: tuple[ProfileInterval, ...] = ()
+    fits: tuple[RecordFit, ...] = ()
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Options:
+    """What an identification is asked besides its method.
+
+    ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
+    """
+
+    profile: tuple[str, ...] | None = None
+    band: tuple[float, float] | None = None

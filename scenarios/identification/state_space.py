@@ -13,8 +13,8 @@ import numpy as np
 
 from ident.flying_qualities.state_space import StateSpace, state_space
 from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
+from scenarios.files.own_models import inputs_at_rest
 from scenarios.identification.result import Identification
-from scenarios.preparation.vehicle_model import inputs_at_rest
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ident.statistics.robust import robust_sigma_about_zero
+from scenarios.files.channel_names import STICK
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -39,6 +40,30 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     if controls and not any(moves(channel) for record in records for channel in record.channels if channel.name not in MEASURED_MOTION):
         what = f"neither the {' nor the '.join(controls)} nor any output moves above its noise: nothing shows what the aircraft does"
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
+
+
+def refuse_strangers(fitted: Sequence[Record], validation: Sequence[Record]) -> None:
+    """Nothing where records of one call belong together.
+
+    Raises
+    ------
+    RecordError : sticks in two units, which are never converted; a record to be predicted with none of the fitted channels.
+    """
+    first = fitted[0]
+    for record in (*fitted[1:], *validation):
+        if STICK in first.input_names and record[STICK].unit != first[STICK].unit:
+            what = f"the stick is in {_label(record[STICK].unit)}, in {first.name} it is in {_label(first[STICK].unit)}"
+            raise RecordError(what, where=record.name, remedy="give all records of a call the stick in one unit: it is never converted")
+    measured = {name for record in fitted for name in record.output_names}
+    for record in validation:
+        if not measured.intersection(record.output_names):
+            known = ", ".join(sorted(measured))
+            what = f"none of the fitted channels ({known}) is measured here"
+            raise RecordError(what, where=record.name, remedy="validate on a record that has one of them")
+
+
+def _label(unit: str) -> str:
+    return "no unit" if unit in ("", "1") else repr(unit)
 
 
 def refuse_unpredictable(records: Sequence[Record], model: Model) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from scenarios.files.constraints import constrained
 from scenarios.files.own_models import inputs_at_rest, is_own
 from scenarios.files.priors import with_priors
 from scenarios.files.vehicles import VehicleFile
@@ -32,7 +33,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     filters, which need one; whole-record fits use priors only where the data alone cannot fix a scale.
     """
     if vehicle.own is not None:
-        return with_priors(vehicle.own, list(vehicle.derivatives))
+        return constrained(with_priors(vehicle.own, list(vehicle.derivatives)), vehicle.constraints)
     values = {**vehicle.derivatives}
     constants = {**vehicle.constants}
     for number, mode in vehicle.modes:
@@ -45,7 +46,7 @@ def model_of_file(vehicle: VehicleFile) -> Model:
     start = {"airspeed": constants["reference_airspeed"]} if "reference_airspeed" in constants else {}
     model = model_from_constants(kind, constants, values, modes=len(vehicle.modes), initial=start)
     free = [item.name for item in model.parameters if item.name in values and not _coupling(item.name, len(vehicle.modes))]
-    return with_priors(model, free)
+    return constrained(with_priors(model, free), vehicle.constraints)
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:

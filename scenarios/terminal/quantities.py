@@ -45,8 +45,10 @@ def in_hertz(value: float, name: str, unit: str) -> str:
 
 
 def value_text(value: float, std: float, unit: str = "") -> str:
-    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such."""
+    """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such, one of zero is that of a value at its bound."""
     shown = _spaced(unit)
+    if std == 0.0 and value != 0.0:
+        return f"{value:.5g}{shown} (bound)"
     if not determined(value, std):
         return "not determined"
     digits = _digits(std)

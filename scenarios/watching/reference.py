@@ -62,7 +62,11 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     A reference gives what its plain bank found, as the paper started its flight filter, where it says that; else its estimate.
     """
     if vehicle is not None:
-        return read_vehicle(vehicle, "loes")
+        found = read_vehicle(vehicle, "loes")
+        if found.constraints:
+            what, remedy = "a filter that runs along estimates every derivative", "leave [fixed], [bounds] and [tied] out, or use identify"
+            raise DeclarationError(what, where=str(vehicle), remedy=remedy)
+        return found
     x29 = load_x29("F")
     constants = {"airspeed": x29.airframe.airspeed, "gravity": x29.airframe.gravity, "vane_arm": x29.telemetry.vane_arm}
     if reference is None:

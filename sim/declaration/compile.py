@@ -10,6 +10,7 @@ from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.parts import Parts, parts_of
 from sim.declaration.stages import dynamics_of, input_path_of, measured_of, noise_of, outputs_of, sensor_path_of, signals_of
 from sim.declaration.system import System
+from sim.declaration.ties import tied_system
 
 
 def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online: bool = False) -> System:
@@ -31,7 +32,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
     signals, measured = signals_of(parts), measured_of(parts)
     moved = (*parts.moved_in, *parts.moved_out, *parts.inputs, *parts.clocks)
     after = [effect for effect in model.effects if effect.station is Station.SENSOR_PATH and effect not in moved]
-    return System(
+    system = System(
         parts.states,
         model.equations.inputs,
         parts.outputs,
@@ -49,6 +50,7 @@ def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online:
         noise_of(parts),
         frozenset(signal.name for effect in parts.dynamics if isinstance(effect, NoiseEffect) for signal in effect.states),
     )
+    return tied_system(system, model.ties)
 
 
 def _initial(parts: Parts) -> ParameterSet:

@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from sim.declaration.effect import Effect, Signal, constants_needed, full_name, ports_needed
 from sim.declaration.parameters import Parameter, ParameterSet
+from sim.declaration.ties import Tie, with_tied_values
 from sim.errors import ModelError
 
 
@@ -114,6 +115,7 @@ class Model:
     noise : measurement and process noise.
     effects : in order along the signal chain.
     biases : outputs with a constant bias; each has a parameter ``bias_OUTPUT``.
+    ties : parameters that follow others; held, at what their tie gives.
     """
 
     equations: Equations
@@ -122,6 +124,7 @@ class Model:
     noise: Noise = Noise()
     effects: tuple[Effect, ...] = ()
     biases: tuple[str, ...] = ()
+    ties: tuple[Tie, ...] = ()
 
     def __post_init__(self) -> None:
         for name in self.equations.parameter_names:
@@ -159,6 +162,10 @@ class Model:
     def with_noise(self, noise: Noise) -> Model:
         """The same model with other noise."""
         return replace(self, noise=noise)
+
+    def with_ties(self, ties: Sequence[Tie]) -> Model:
+        """The same model with some parameters following others; each of them is held. Raises ModelError as ``with_tied_values``."""
+        return replace(self, parameters=with_tied_values(self.parameters, ties), ties=tuple(ties))
 
     def with_initial(self, initial: ParameterSet) -> Model:
         """The same model with another initial state."""

@@ -112,6 +112,10 @@ class ParameterSet:
         """The same set with some prior standard deviations replaced."""
         return self._changed({name: {"prior_std": float(value)} for name, value in prior_std.items()})
 
+    def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> ParameterSet:
+        """The same set with some bounds replaced."""
+        return self._changed({name: {"bounds": (float(low), float(high))} for name, (low, high) in bounds.items()})
+
     def hold(self, names: Iterable[str]) -> ParameterSet:
         """The same set with the named parameters fixed at their values."""
         return self._changed({name: {"free": False} for name in names})

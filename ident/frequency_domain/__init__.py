@@ -1,0 +1,1 @@
+"""Maximum likelihood on the Fourier transforms of whole records."""

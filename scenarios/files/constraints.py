@@ -1,0 +1,213 @@
+"""What a vehicle file lays down about its parameters: those that are fixed, bounded, or tied to others."""
+
+from __future__ import annotations
+
+import math
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from scenarios.files.declarations import closest
+from sim.declaration.model import Model
+from sim.declaration.ties import Tie
+from sim.errors import DeclarationError
+
+TABLES = ("fixed", "bounds", "tied")
+STARTS = "derivatives"
+_TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
+_NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """``fixed`` parameters stay where the file says, ``bounds`` (low, high) hold in a fit, ``ties`` make one follow others; all in SI."""
+
+    fixed: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_BOUNDS)
+    ties: tuple[Tie, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.fixed or self.bounds or self.ties)
+
+
+NONE = Constraints()
+
+
+def take_constraints(content: dict[str, Any], units: Mapping[str, str], path: str | Path, defaults: Mapping[str, float] | None = None) -> Constraints:
+    """The three tables taken out of a vehicle file's content, in place; values of fixed and tied parameters join its starts.
+
+    Parameters
+    ----------
+    content : the file as read; ``[derivatives]`` receives a start for each parameter that ``[fixed]`` gives a value or ``[tied]`` names.
+    units : what may be estimated, with the unit inside. defaults : starts of what the file need not give.
+
+    Raises
+    ------
+    DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice, bounds in the wrong order or beside the
+        start, a tie to itself, to one that is tied, or of another form.
+    """
+    given = {table: content.pop(table, {}) for table in TABLES}
+    if all(table == {} for table in given.values()):
+        return NONE
+    starts = content.setdefault(STARTS, {})
+    if not isinstance(starts, dict):
+        return NONE  # its own reader says what is wrong with it
+    modes = content.get("modes")
+    # What is new goes into the first map, the derivatives; starts of elastic modes are only looked up.
+    known = ChainMap(starts, *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)), dict(defaults or {}))
+    fixed = _fixed(given["fixed"], known, units, path)
+    ties = _ties(given["tied"], known, units, fixed, path)
+    return Constraints(fixed, _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path), ties)
+
+
+def said_where_it_stands(error: DeclarationError, constraints: Constraints, path: str | Path) -> DeclarationError:
+    """A fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which the user wrote it."""
+    for table, names in (("fixed", constraints.fixed), ("tied", [tie.name for tie in constraints.ties])):
+        for name in names:
+            if error.where == f"{path}, key {STARTS}.{name}":
+                return DeclarationError(error.what, where=f"{path}, key {table}.{name}", remedy=error.remedy)
+    return error
+
+
+def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: str | Path) -> None:
+    """Raise DeclarationError where every one of the ``starts`` is fixed or tied to what is."""
+    held = {*constraints.fixed, *(tie.name for tie in constraints.ties)}
+    if held and held.issuperset(starts):
+        remedy = "leave one parameter free at least"
+        raise DeclarationError("every parameter is fixed or tied: nothing is left to estimate", where=str(path), remedy=remedy)
+
+
+def constrained(model: Model, constraints: Constraints) -> Model:
+    """The model with what the file lays down: parameters held, bounds that are the narrower of the file's and the model's own, ties."""
+    if not constraints:
+        return model
+    parameters = model.parameters.hold(constraints.fixed)
+    narrow = {}
+    for name, (low, high) in constraints.bounds.items():
+        own = parameters[name].bounds
+        narrow[name] = (max(low, own[0]), min(high, own[1]))
+    return model.with_parameters(parameters.with_bounds(narrow)).with_ties(constraints.ties)
+
+
+def constraint_sentences(constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]) -> tuple[str, ...]:
+    """What the vehicle file lays down, a sentence each; nothing where it lays down nothing."""
+    told = []
+    if constraints.fixed:
+        each = [f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}" for name in constraints.fixed]
+        told.append(f"held by the vehicle file: {', '.join(each)}")
+    if constraints.ties:
+        told.append(f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}")
+    if constraints.bounds:
+        each = [f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}" for name, (low, high) in constraints.bounds.items()]
+        told.append(f"bounded by the vehicle file: {', '.join(each)}")
+    return tuple(told)
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _fixed(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], path: str | Path) -> tuple[str, ...]:
+    """``fixed = ["A"]`` holds at the start, ``[fixed] A = 1.0`` gives the value."""
+    if isinstance(table, list):
+        for name in table:
+            _known(name, units, f"{path}, key fixed")
+            if name not in starts:
+                where = f"{path}, key fixed"
+                raise DeclarationError(
+                    f"{name} has no value to be fixed at", where=where, remedy=f"give it under [{STARTS}], or write [fixed] {name} = ..."
+                )
+        return tuple(dict.fromkeys(table))
+    for name, value in _table(table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top').items():
+        where = f"{path}, key fixed.{name}"
+        _known(name, units, where)
+        _once(name, starts, where)
+        starts[name] = _number(value, units[name], where)
+    return tuple(table)
+
+
+def _ties(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], fixed: Iterable[str], path: str | Path) -> tuple[Tie, ...]:
+    ties: list[Tie] = []
+    entries = _table(table, "tied", path, _TIE)
+    for name, entry in entries.items():
+        where = f"{path}, key tied.{name}"
+        _known(name, units, where)
+        if name in fixed:
+            raise DeclarationError("given twice, also under fixed", where=where, remedy="keep one of the two")
+        _once(name, starts, where)
+        ties.append(_tie(name, entry, units, where))
+    for tie in ties:
+        where = f"{path}, key tied.{tie.name}"
+        for source in tie.sources:
+            if source in entries:
+                what = "it follows itself" if source == tie.name else f"{source} is tied itself"
+                raise DeclarationError(what, where=where, remedy="tie it to parameters that are not tied")
+            if source not in starts:
+                raise DeclarationError(f"{source}, which it follows, has no start", where=where, remedy=f"give {source} under [{STARTS}]")
+    for tie in ties:
+        starts[tie.name] = float(tie.of(lambda source: _number(starts[source], units[source], f"{path}, key {STARTS}.{source}")))
+    return tuple(ties)
+
+
+def _tie(name: str, entry: Any, units: Mapping[str, str], where: str) -> Tie:
+    terms, constant = [], 0.0
+    for term in entry if isinstance(entry, list) else [entry]:
+        if not isinstance(term, dict) or not term or not set(term) <= {"parameter", "factor", "constant"}:
+            raise DeclarationError("this is no tie", where=where, remedy=_TIE)
+        if "constant" in term:
+            constant += _number(term["constant"], units[name], where)
+        if ("parameter" in term) != ("factor" in term):
+            raise DeclarationError(f"a term has {'no factor' if 'parameter' in term else 'no parameter'}", where=where, remedy=_TIE)
+        if "parameter" in term:
+            _known(term["parameter"], units, where)
+            terms.append((term["parameter"], _number(term["factor"], "1", where)))
+    if not terms:
+        raise DeclarationError("it follows no parameter", where=where, remedy="a constant alone belongs under [fixed]")
+    return Tie(name, tuple(terms), constant)
+
+
+def _bounds(
+    table: Any, starts: Mapping[str, Any], units: Mapping[str, str], held: Iterable[str], path: str | Path
+) -> Mapping[str, tuple[float, float]]:
+    out = {}
+    for name, pair in _table(table, "bounds", path, "write [bounds] with NAME = [low, high]").items():
+        where = f"{path}, key bounds.{name}"
+        _known(name, units, where)
+        if name in held:
+            raise DeclarationError("it is fixed or tied", where=where, remedy="leave its bounds out")
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise DeclarationError("this is no pair", where=where, remedy="write [low, high]; inf and -inf leave a side open")
+        low, high = (float(end) if isinstance(end, float) and math.isinf(end) else _number(end, units[name], where) for end in pair)
+        if not low < high:
+            raise DeclarationError(f"{low:g} is not below {high:g}", where=where, remedy="give the lower bound first; [fixed] holds a parameter")
+        start = _number(starts[name], units[name], f"{path}, key {STARTS}.{name}") if name in starts else None
+        if start is not None and not low <= start <= high:
+            raise DeclarationError(f"the start {start:g} lies outside [{low:g}, {high:g}]", where=where, remedy="widen the bounds or move the start")
+        out[name] = (low, high)
+    return MappingProxyType(out)
+
+
+def _table(table: Any, key: str, path: str | Path, remedy: str) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise DeclarationError("this is no table", where=f"{path}, key {key}", remedy=remedy)
+    return table
+
+
+def _known(name: Any, units: Mapping[str, str], where: str) -> None:
+    if name not in units:
+        raise DeclarationError(f"there is no parameter {name!r} to be estimated", where=where, remedy=closest(str(name), units))
+
+
+def _once(name: str, starts: ChainMap[str, Any], where: str) -> None:
+    """Refuse what the file says in two places; the last map holds what it need not say."""
+    if any(name in table for table in starts.maps[:-1]):
+        raise DeclarationError(f"given twice, also under {STARTS}", where=where, remedy="keep one of the two")
+
+
+def _number(value: object, unit: str, where: str) -> float:
+    from scenarios.files.vehicles_schema import number_in
+
+    return number_in(value, unit, where)

@@ -1,0 +1,77 @@
+"""What stands beside an estimate, in lines for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ident.statistics.profile import LEVEL, ProfileInterval
+from ident.tracing.diagnosis import Quantity
+from scenarios.identification.assessment.bounds import AtBound
+from scenarios.identification.assessment.prediction import RecordFit
+from scenarios.studies.rows import Row
+from scenarios.terminal.numbers import number
+from scenarios.terminal.plain_tables import table
+from scenarios.terminal.quantities import displayed
+
+LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
+
+
+def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
+    """A line for each parameter at a bound and each that follows others."""
+    followed = [f"{row.name} {number(row.estimate, row.std)} +- {number(row.std, row.std)}{_unit(row.unit)}, tied" for row in tied]
+    return [*(each.words for each in at_bounds), *followed]
+
+
+def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[str]:
+    """A table of the intervals, and a sentence on those that a sigma does not tell."""
+    rows = [(each.name, units.get(each.name, ""), _end(each, -1), _end(each, 1), _sides(each), "" if each.agrees else "no") for each in intervals]
+    headings = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
+    lines = table(headings, rows, left=2, title=f"profile likelihood, {100.0 * LEVEL:.0f} % intervals")
+    odd = [each for each in intervals if not each.agrees]
+    open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
+    if open_ends:
+        lines.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
+    skewed = [each.name for each in odd if not _open(each)]
+    if skewed:
+        lines.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
+    better = [each.name for each in intervals if each.better > LIKELIER]
+    if better:
+        lines.append(f"likelier values than the estimate were found along {', '.join(better)}: the fit was not at its best")
+    return lines
+
+
+def fit_lines(fits: Sequence[RecordFit]) -> list[str]:
+    """A table of what the free simulations miss, a row for each record and channel."""
+    rows = []
+    for each in fits:
+        word = "held out" if each.held_out else "fitted"
+        if each.figures is None:
+            rows.append((each.record.name, word, "-", "no finite simulation", "", "", ""))
+            continue
+        for name, error in each.figures.rmse.items():
+            value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
+            figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
+            rows.append((each.record.name, word, name, f"{value:.3g}{_unit(unit)}", *figures))
+    headings = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
+    return table(headings, rows, left=3, title="free simulation: initial states and biases alone are of the record itself")
+
+
+def _end(each: ProfileInterval, side: int) -> str:
+    end, at_bound = (each.low, each.low_bound) if side < 0 else (each.high, each.high_bound)
+    if end is None:
+        return "open"
+    return number(end, each.sigma) + (" (bound)" if at_bound else "")
+
+
+def _sides(each: ProfileInterval) -> str:
+    """``"-1.8 to +2.6"``."""
+    low, high = ("open" if end is None else f"{(end - each.value) / each.sigma:+.2g}" for end in (each.low, each.high))
+    return f"{low} to {high}"
+
+
+def _open(each: ProfileInterval) -> list[str]:
+    return [word for word, end in (("below", each.low), ("above", each.high)) if end is None]
+
+
+def _unit(unit: str) -> str:
+    return "" if unit in ("", "1") else f" {unit}"
