@@ -21,7 +21,7 @@ from ident.tracing.screening.score_test import Finding, collinear
 from ident.tracing.screening.stacked import Varying, screen_varying
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
-from ident.tracing.selection.expansion import best_fit, evidence_of
+from ident.tracing.selection.expansion import best_fit, evidence_of, expand
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.settings import TraceSettings
 
@@ -62,7 +62,8 @@ def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel, gene
     general = general if general.asked else alone(ledger, base)
     told, white = ledger.told(evidence=general.evidence), leaving_noise(ledger, general.fitted)
     if not white and not is_white(best, ledger.problem.settings.white) and not _hopeless(base, general.fitted):
-        for start in _beside(ledger, best):
+        told, white = _with_named(told, general.fitted)
+        for start in _beside(ledger, best) if not white else ():
             told, found = _added(told, start, thresholds.GENERAL_BESIDE)
             white += leaving_noise(ledger, found)
     least = min(white, key=lambda fitted: _total(ledger, fitted), default=None)
@@ -71,7 +72,8 @@ def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel, gene
     for fitted in white:
         score = _total(ledger, fitted)
         if score - _total(ledger, least) < ledger.problem.settings.near:
-            step = Step(fitted.names, score, fitted.fit.log_likelihood, f"{fitted.names[-1]} explains what no named effect alone does")
+            varying = " and ".join(effect.name for effect in fitted.effects if effect.traits.general)
+            step = Step(fitted.names, score, fitted.fit.log_likelihood, f"{varying} explains what no named effect alone does")
             told = told.kept(fitted, score).told(step)
     return told, told.known(least)
 
@@ -120,6 +122,16 @@ def _added(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[
             found.append(child)
     ledger = ledger.told(evidence=[_evidence(start, findings, place, fitted) for place in range(len(findings))])
     return ledger.respent(spent), found
+
+
+def _with_named(ledger: Ledger, sets: Sequence[FittedModel]) -> tuple[Ledger, list[FittedModel]]:
+    """The ledger with evidence of named effects beside the best of some sets with an instance, and those of two that leave noise, but for guards."""
+    if not sets:
+        return ledger, []
+    best = min(sets, key=lambda fitted: fitted.criterion)
+    borrowed = ledger.renewed(thresholds.LEFT_FOR_GENERAL).kept(best, _total(ledger, best))
+    borrowed, children = expand(borrowed, best, len(best.foreground) + 1)
+    return ledger.told(evidence=borrowed.evidence[len(ledger.evidence) :]), [m for m in leaving_noise(ledger, children) if not m.guards]
 
 
 def _freer(ledger: Ledger, start: FittedModel, child: FittedModel) -> tuple[Ledger, FittedModel]:
