@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,6 +79,7 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) ->
     from ident.compatibility.check import compatibility
     from ident.compatibility.signals import measured_channels
 
+    records = [_longitudinal(record) for record in records]
     chosen = [record for record in records if set(NEEDED) <= set(measured_channels(record))]
     chosen = shortened(spread(chosen, MOST), ENOUGH)
     names = tuple(record.name for record in chosen)
@@ -89,6 +90,14 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) ->
     except (FlightidError, ArithmeticError, ValueError) as error:
         # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))
+
+
+def _longitudinal(record: Record) -> Record:
+    """The record's channels of longitudinal motion: the equations that are fitted know no other."""
+    from ident.compatibility.signals import CHANNELS
+
+    outputs = tuple(channel for channel in record.outputs if channel.name in CHANNELS)
+    return record if len(outputs) == len(record.outputs) else replace(record, outputs=outputs)
 
 
 def spread(records: Sequence[Record], most: int) -> list[Record]:

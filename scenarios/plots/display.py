@@ -24,7 +24,7 @@ _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
 _SIGNALS = {
     **{"alpha": r"$\alpha$", "q": "$q$", "nz": "$n_z$", "theta": r"$\theta$", "airspeed": "$V$", "nx": "$n_x$"},
-    **{"beta": r"$\beta$", "p": "$p$", "r": "$r$", "phi": r"$\phi$", "ny": "$n_y$"},
+    **{"beta": r"$\beta$", "p": "$p$", "r": "$r$", "phi": r"$\phi$", "ny": "$n_y$", "psi": r"$\psi$", "height": "height $h$"},
     **{"elevator": r"elevator $\delta_e$", "aileron": r"aileron $\delta_a$", "rudder": r"rudder $\delta_r$"},
     **{"thrust": "thrust $T$", "stick": r"stick $\delta_p$"},
 }

@@ -17,7 +17,7 @@ from ident.compatibility.result import CompatibilitySettings
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.fitting import fit
 from ident.compatibility.six_degrees.linear import LEAST_SECANT, Linear, Normal, by_output_error, linear
-from ident.compatibility.six_degrees.selection import best_set, fitted
+from ident.compatibility.six_degrees.selection import best_set, fitted, needed
 
 _ROUNDS = 5
 SECANT = 0.05  # s, before anything is known of a time
@@ -84,6 +84,7 @@ def _settled(
             late = [k for k, i in enumerate(chosen) if sets.sizes[row, k] < 0 and faults[i].one_sided]
             ahead = (faults[chosen[late[0]]].channel, float(sets.sizes[row, late[0]]))
             chosen = tuple(i for k, i in enumerate(chosen) if k not in late)
+        chosen = needed(normal, faults, chosen, charge)
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
@@ -91,6 +92,8 @@ def _settled(
         members = chosen
         secants = _secants(lines, chosen)
         secants[list(chosen)] = [size if abs(size) > 1e-3 else SECANT for size in found.sizes.tolist()]
+    else:
+        lines = linear(found, faults, secants)
     return lines, members, ahead
 
 

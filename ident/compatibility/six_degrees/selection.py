@@ -85,6 +85,19 @@ def best_set(normal: Normal, faults: Sequence[SensorFault], among: Sequence[int]
     return _judged(found, faults, charge)
 
 
+def needed(normal: Normal, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float) -> tuple[int, ...]:
+    """A set less every fault that gains no more than ``charge`` beside the others, over its own colour."""
+    while members:
+        whole = fitted(normal, faults, np.array([members]), early=False)
+        less = [fitted(normal, faults, np.array([[j for j in members if j != i]], dtype=int), early=False).gain[0] for i in members]
+        gains = (whole.gain[0] - np.array(less)) / whole.widening[0]
+        least = int(np.argmin(gains))
+        if gains[least] >= charge:
+            break
+        members = tuple(i for k, i in enumerate(members) if k != least)
+    return members
+
+
 def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
     if size == 1:
         return np.array(list(combinations(among, 2)), dtype=int).reshape(-1, 2)

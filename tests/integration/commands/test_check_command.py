@@ -9,11 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from scenarios.files.writing import write_record
 from sim.record import Channel
 from tests.integration.command_line import VEHICLE, CommandLine, contents
+from tests.oracles import six_degrees as axes
 from tests.oracles.flight_path import Sensors
 from tests.unit.ident.compatibility.flights import FOUR, SPEED, THREE, record
 
@@ -103,6 +105,27 @@ def test_a_dynamic_pressure_makes_the_airspeed(flightid: CommandLine, place: Pat
     (place / "vehicle.toml").write_text(VEHICLE.replace("200.64984", "65.0"))
     out = " ".join(flightid.done("check", "pressure.csv").split())
     assert "stands: sensor-delay:alpha, alpha is late by 0.0" in out and "airspeed from the dynamic pressure, in air of 1.05" in out
+
+
+def test_bank_heading_and_height_in_their_units(flightid: CommandLine, place: Path) -> None:
+    """Degrees, g and feet, a heading through north, and a roll gyro with a bias, in the sentence and the file."""
+    channels = ("p", "q", "r", "phi", "theta", "psi", "alpha", "airspeed", "height", "ay", "beta")
+    record = axes.shown(axes.fly(), channels, axes.Faults(bias={"p": 0.02}, delay={"phi": 0.08}), 1)
+    assert record["psi"].values.max() > 6.0 > 1.0 > record["psi"].values.min()
+    units = {"rad": ("deg", 180.0 / math.pi), "rad/s": ("deg/s", 180.0 / math.pi), "m/s2": ("g", 1.0 / 9.80665), "m": ("ft", 1.0 / 0.3048)}
+    columns, header = [record.time], ["time"]
+    for channel in record.outputs:
+        unit, factor = units.get(channel.unit, (channel.unit, 1.0))
+        header.append(f"{channel.name} [{unit}]")
+        columns.append(channel.values * factor)
+    np.savetxt(place / "axes.csv", np.array(columns).T, delimiter=",", header=",".join(header), comments="")
+    out = " ".join(flightid.done("check", "axes.csv", "--out", "out", "--no-figures").split())
+    assert "relation of height: height, theta, alpha, airspeed, phi, beta" in out and "warning" not in out
+    assert "stands: bias:p, p reads 0.0" in out and "rad/s too much" in out and "phi is late by 0.0" in out
+    content = json.loads((place / "out" / "compatibility.json").read_text())
+    found = {finding["name"]: finding for finding in content["findings"]}
+    assert found["bias:p"]["kind"] == "bias" and abs(found["bias:p"]["value"] - 0.02) < 3.0 * found["bias:p"]["std"]
+    assert all(math.isfinite(value) for value in numbers(content))
 
 
 def test_alpha_and_q_alone_say_so(flightid: CommandLine, place: Path) -> None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.compatibility.faults import ARM, BELOW, DELAY, DRIFT, LAG, PACKAGE, RIGHT, SCALE, SensorFault
+from ident.compatibility.faults import SensorFault
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.channels import ready, recorded, relations
 from ident.compatibility.six_degrees.unknowns import evaluate, faults_of, linearised, unknowns_of
 from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, WHOLE, Faults, fly, shown
-
-SIZES = {SCALE: 0.1, DELAY: 0.06, LAG: 0.06, ARM: 3.0, RIGHT: 3.0, BELOW: 3.0}
+from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
 
 
 def signals(channels: tuple[str, ...], faults: Faults, rate: float = 50.0, noise: float = 0.0) -> Signals:
@@ -43,29 +42,12 @@ def test_a_true_flight_is_reconstructed(channels: tuple[str, ...], most: float) 
     assert np.abs(left(s)).max() < most
 
 
-def planted(fault: SensorFault, size: float) -> Faults:
-    """The same fault in the terms of the oracle."""
-    name = fault.channel
-    ahead, right, below = (size * (fault.kind == axis) for axis in (ARM, RIGHT, BELOW))
-    if name in ("alpha", "beta"):
-        wrong = Faults(vanes={name: (ahead, right, below)})
-    else:
-        wrong = Faults(accelerometers={each: (ahead, right, below) for each in (("ax", "ay", "az") if name == PACKAGE else (name,))})
-    others = {
-        SCALE: Faults(scale={name: 1.0 + size}),
-        DELAY: Faults(delay={name: size}),
-        LAG: Faults(lag={name: size}),
-        DRIFT: Faults(drift={name: size}),
-    }
-    return others.get(fault.kind, wrong)
-
-
 ALL_FAULTS = faults_of(signals(WHOLE, Faults()))
 
 
 @pytest.mark.parametrize("fault", ALL_FAULTS, ids=lambda fault: fault.name)
 def test_a_fault_explains_what_it_does(fault: SensorFault) -> None:
-    size = SIZES.get(fault.kind, 2.0 * fault.plausible if fault.kind == DRIFT else 0.0)
+    size = size_of(fault)
     s = signals(WHOLE, planted(fault, size))
     without, beside = (np.sqrt(np.mean(e**2)) for e in (left(s), left(s, (fault,), (size,))))
     assert beside < 0.15 * without + 0.02, f"{beside / without:.2f} of it is left"
