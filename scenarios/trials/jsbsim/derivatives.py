@@ -104,7 +104,9 @@ def _moved(flown: Flown, names: Mapping[str, str]) -> dict[str, np.ndarray]:
 
 def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:
     """Least squares of every load on a constant and its columns, each scaled to its own spread."""
-    values, weight, left = {}, {}, 0.0
+    values: dict[str, float] = {}
+    weight: dict[str, float] = {}
+    left = 0.0
     for letter, (load, columns) in loads.items():
         spread = {name: float(np.std(column)) or 1.0 for name, column in columns.items()}
         matrix = np.stack([np.ones(len(load)), *((column - column[0]) / spread[name] for name, column in columns.items())], axis=1)
