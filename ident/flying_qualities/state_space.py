@@ -20,7 +20,7 @@ from sim.maths.elementary import complex_step_jacobian
 if TYPE_CHECKING:
     import control
 
-PADE = 4  # order of the approximation of a delay: within 1 % in phase up to omega delay = 5
+PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
 DELAY = "delay"
 
 
