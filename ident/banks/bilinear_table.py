@@ -39,8 +39,9 @@ class Bilinear:
 
     @property
     def feeds_through(self) -> bool:
-        """Whether an input acts on a value."""
-        return bool(np.any(self.table.reshape(len(self.table), -1, self.n + len(self.table))[1 + self.n :]))
+        """Whether an input acts on a value, times a parameter or by itself: its slope then stands with the constant."""
+        blocks = self.table.reshape(len(self.table), -1, self.n + len(self.table))
+        return bool(np.any(blocks[1 + self.n :]) or np.any(blocks[:, :, self.n + 1 + self.n :]))
 
 
 def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear | None:

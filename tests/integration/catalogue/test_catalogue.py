@@ -93,7 +93,7 @@ def test_results_are_explained_and_own_choices_are_named(name: str) -> None:
 def test_published_columns_exist_and_are_in_the_parameters_units(name: str) -> None:
     scenario = load_scenario(name)
     for estimation in scenario.estimations:
-        if name in OWN_FLIGHTS:
+        if name in OWN_FLIGHTS or estimation.own is not None:
             assert estimation.published is None, "no paper has printed this flight"
             continue
         assert estimation.published is not None
@@ -108,7 +108,9 @@ def test_no_filter_is_told_another_noise_than_its_sensors_have(name: str) -> Non
         assert not estimation.noise_std
 
 
-@pytest.mark.parametrize("name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b", *WHOLE_AXES])
+@pytest.mark.parametrize(
+    "name", ["ballistic", "ballistic-process-noise", "rigid", "rigid-process-noise-a", "rigid-process-noise-b", "own-model", *WHOLE_AXES]
+)
 def test_main_result_is_within_three_sigma_of_the_truth(name: str) -> None:
     assert study(name).main.result.estimate.outcome.code == "converged"
     for row in study(name).main.rows:

@@ -41,6 +41,8 @@ def test_feed_through() -> None:
     assert table is not None and table.feeds_through
     without = bilinear(lambda w: [w[0] * w[2]], 4, 2, 1)
     assert without is not None and not without.feeds_through
+    alone = bilinear(lambda w: [w[0] * w[2] + 0.5 * w[4]], 4, 2, 1)
+    assert alone is not None and alone.feeds_through, "an input that no parameter multiplies, as a force over a known mass"
 
 
 @pytest.mark.parametrize("name", WRONG)
