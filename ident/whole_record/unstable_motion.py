@@ -70,6 +70,12 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
     return None if found is None else replace(found, iterations=spent)
 
 
+def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
+    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are counted, each on one unknown by itself."""
+    exact = replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
+    return _fit_part(exact, layout.settings.iterations, guesses)
+
+
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for colour as the settings say; all determined?
 
@@ -111,15 +117,31 @@ class _Projected:
 
 
 def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output, zero where a sample is missing."""
+    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output, zero where a sample is missing.
+
+    What is known beforehand of the record's own unknowns stands below, a row each.
+    """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
-    jacobian = fit.jacobians[r] * weight[:, :, None]
-    return jacobian.reshape(-1, jacobian.shape[2]), (fit.residuals[r] * weight).ravel()
+    jacobian, residual = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1), (fit.residuals[r] * weight).ravel()
+    prior, columns = fit.layout.prior, fit.layout.columns(r)
+    if prior is None:
+        return jacobian, residual
+    n, size = len(fit.layout.shared), np.sqrt(np.diag(prior.information))
+    mine = [k for k, position in enumerate(prior.positions) if position in columns[n:]]
+    rows = np.zeros((len(mine), len(columns)))
+    rows[np.arange(len(mine)), [int(np.flatnonzero(columns == prior.positions[k])[0]) for k in mine]] = size[mine]
+    away = size[mine] * (prior.mean[mine] - fit.theta[prior.positions[mine]])
+    return np.vstack([jacobian, rows]), np.concatenate([residual, away])
 
 
 def _projected(fit: Fit) -> _Projected:
     n = len(fit.layout.shared)
     information, gradient, jacobians, back = np.zeros((n, n)), np.zeros(n), [], []
+    prior = fit.layout.prior
+    for k, position in enumerate([] if prior is None else prior.positions):
+        if prior is not None and position < n:
+            information[position, position] += prior.information[k, k]
+            gradient[position] += prior.information[k, k] * (prior.mean[k] - fit.theta[position])
     for r in range(len(fit.layout.problems)):
         J, residual = _weighted(fit, r)
         size = np.linalg.norm(J[:, n:], axis=0)
@@ -132,7 +154,7 @@ def _projected(fit: Fit) -> _Projected:
             rest = rest - basis @ (basis.T @ rest)
         information += rest.T @ rest
         gradient += rest.T @ residual
-        jacobians.append(rest.reshape(*fit.residuals[r].shape, n))
+        jacobians.append(rest[: fit.residuals[r].size].reshape(*fit.residuals[r].shape, n))
         back.append((right[told].T / values[told] @ basis.T) / size[:, None])
     return _Projected(tuple(jacobians), information, gradient, tuple(back))
 
@@ -149,10 +171,12 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
     yield layout
 
 
-def _fit_part(layout: FitLayout, limit: int) -> Fit | None:
+def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = None) -> Fit | None:
     """Levenberg-Marquardt in the shared parameters, each record's own solved for after every step; at most ``limit`` steps."""
     problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
-    begun = evaluate(problem, layout.start, layout.guesses(layout.start))
+    begun = evaluate(problem, layout.start, layout.guesses(layout.start) if guesses is None else guesses)
+    if begun is None and guesses is not None:
+        begun = evaluate(problem, layout.start, layout.guesses(layout.start))
     if begun is None:
         return None
     fit = _settled(begun, _projected(begun))
