@@ -25,7 +25,9 @@ def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [np.searchsorted(edges, omega, side="right") for omega in omegas]
 
 
-def levels(residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands: Sequence[np.ndarray], floor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def levels(
+    residuals: Sequence[np.ndarray], known: Sequence[np.ndarray], bands: Sequence[np.ndarray], floor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below ``floor (m,)``, and how many there are."""
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))

@@ -59,9 +59,7 @@ def response(model: LinearModel, record: TransformedRecord, delays: Mapping[int,
     return Response(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
 
 
-def _stepped(
-    model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _stepped(model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Phi ``(n, n)``, its slopes ``(q, n, n)``, what the inputs do to the state ``(f, n)`` and its slopes ``(f, n, q)``."""
     n, q = len(model.A), len(model.dA)
     width = max(q, 1)

@@ -18,7 +18,7 @@ from scenarios.identification.assessment.text import bound_lines, fit_lines, int
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import FILTERS, METHODS, identify, uses_attitude
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
-from scenarios.identification.result import Identification, Options
+from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices
@@ -42,7 +42,7 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None) 
     return Options(names, band)
 
 
-def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = Options()) -> None:
+def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN) -> None:
     """Read, identify, write the study, print."""
     from scenarios.files.measured.record_file import read_record_files, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
@@ -109,7 +109,12 @@ def identification_content(found: Identification, files: Sequence[InputFile], va
         "warnings": [*found.doubts, *found.cautions, *([found.reading.sentence] if found.reading else []), *found.look.set_aside],
         "notes": list(found.notes),
         "record": record_content(found.look),
-        "inputs": {"records": [file.name for file in files], "sha256": [file.sha256 for file in files], **_validated(validation), **_model_file(found)},
+        "inputs": {
+            "records": [file.name for file in files],
+            "sha256": [file.sha256 for file in files],
+            **_validated(validation),
+            **_model_file(found),
+        },
         "versions": versions(),
     }
 

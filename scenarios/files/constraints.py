@@ -36,9 +36,7 @@ class Constraints:
 NONE = Constraints()
 
 
-def take_constraints(
-    content: dict[str, Any], units: Mapping[str, str], path: str | Path, defaults: Mapping[str, float] | None = None
-) -> Constraints:
+def take_constraints(content: dict[str, Any], units: Mapping[str, str], path: str | Path, defaults: Mapping[str, float] | None = None) -> Constraints:
     """The three tables taken out of a vehicle file's content, in place; values of fixed and tied parameters join its starts.
 
     Parameters
@@ -119,7 +117,9 @@ def _fixed(table: Any, starts: ChainMap[str, Any], units: Mapping[str, str], pat
             _known(name, units, f"{path}, key fixed")
             if name not in starts:
                 where = f"{path}, key fixed"
-                raise DeclarationError(f"{name} has no value to be fixed at", where=where, remedy=f"give it under [{STARTS}], or write [fixed] {name} = ...")
+                raise DeclarationError(
+                    f"{name} has no value to be fixed at", where=where, remedy=f"give it under [{STARTS}], or write [fixed] {name} = ..."
+                )
         return tuple(dict.fromkeys(table))
     for name, value in _table(table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top').items():
         where = f"{path}, key fixed.{name}"

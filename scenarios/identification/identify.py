@@ -24,7 +24,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.result import Identification, Options
+from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.trim import of_totals
 from scenarios.preparation.vehicle_model import model_of_file, moves_about_rest, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
@@ -55,7 +55,7 @@ def identify(
     others: Sequence[Record] = (),
     model: Model | None = None,
     held_out: Sequence[Record] = (),
-    options: Options = Options(),
+    options: Options = PLAIN,
 ) -> Identification:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
@@ -88,7 +88,9 @@ def identify(
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
     kept = method not in FILTERS  # filters know no bounds
-    bounded, system, estimate, at_bounds = within_bounds(biased, lambda each: _estimated(records, each, outputs, method, settings, options), kept=kept)
+    bounded, system, estimate, at_bounds = within_bounds(
+        biased, lambda each: _estimated(records, each, outputs, method, settings, options), kept=kept
+    )
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
     slow = (SPEED, ATTITUDE)
@@ -130,9 +132,7 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record])
     return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), fits=fits)
 
 
-def _fits(
-    records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings
-) -> tuple[RecordFit, ...]:
+def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:
     """Free simulations of all records; those that the estimate carries already are not made again."""
     simulated = estimate.fitted if estimate.method in SIMULATED and estimate.output_names == system.output_names else ()
     return record_fits(records, held_out, system, estimate.as_dict(), settings, [PATH], simulated)
@@ -151,9 +151,7 @@ def _intervals(
         return ()
     calm = compile_model(model, outputs)
     system = compile_model(_forced(model), outputs) if estimate.method == "filter-error" else calm
-    return profiled(
-        estimate, records, system, settings, options.profile, calm=calm, local=[PATH], delays=delays_of(model), band=options.band
-    )
+    return profiled(estimate, records, system, settings, options.profile, calm=calm, local=[PATH], delays=delays_of(model), band=options.band)
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:

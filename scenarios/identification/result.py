@@ -59,3 +59,6 @@ class Options:
 
     profile: tuple[str, ...] | None = None
     band: tuple[float, float] | None = None
+
+
+PLAIN = Options()

@@ -147,7 +147,9 @@ def test_level_noise_is_not_split() -> None:
 def test_a_bound_is_kept() -> None:
     case, (system, _) = case_of("rigid", 2), system_for("rigid")
     low = 0.95 * case.true["Cm_alpha"]  # above the truth, which is negative
-    bounded = replace(system, parameters=system.parameters.with_values({"Cm_alpha": 0.9 * case.true["Cm_alpha"]}).with_bounds({"Cm_alpha": (low, 0.0)}))
+    bounded = replace(
+        system, parameters=system.parameters.with_values({"Cm_alpha": 0.9 * case.true["Cm_alpha"]}).with_bounds({"Cm_alpha": (low, 0.0)})
+    )
     fit, problem = frequency_fit([case.record], bounded, FrequencySettings((0.0, 4.0)))
     assert fit is not None and fit.theta[problem.names.index("Cm_alpha")] == low
     again = fit_transforms(fit.problem, fit)

@@ -42,7 +42,10 @@ def test_a_bound_that_acts_is_held_and_said(method: str) -> None:
 
 def test_bounds_that_do_not_act_change_nothing() -> None:
     case = case_of("own", 1)
-    free, found = identify(case.record, case.vehicle, "output-error"), identify(case.record, laid_down(case, bounds={"L_p": (-9.0, 0.0)}), "output-error")
+    free, found = (
+        identify(case.record, case.vehicle, "output-error"),
+        identify(case.record, laid_down(case, bounds={"L_p": (-9.0, 0.0)}), "output-error"),
+    )
     assert found.estimate.outcome is Outcome.CONVERGED and np.array_equal(found.estimate.values, free.estimate.values) and not found.at_bounds
     assert "bounded by the vehicle file: L_p from -9 to 0 1/s" in found.notes
 
@@ -53,7 +56,9 @@ def test_a_tied_parameter_follows_with_its_sigma(method: str) -> None:
     tie = Tie("L_da", (("L_p", -7.0 / 2.4),))
     found = identify(case.record, laid_down(case, ties=(tie,)), method)
     (row,) = found.tied
-    assert row.estimate == pytest.approx(-7.0 / 2.4 * found.estimate.value("L_p")) and row.std == pytest.approx(7.0 / 2.4 * found.estimate.sigma("L_p"))
+    assert row.estimate == pytest.approx(-7.0 / 2.4 * found.estimate.value("L_p")) and row.std == pytest.approx(
+        7.0 / 2.4 * found.estimate.sigma("L_p")
+    )
     assert abs(row.estimate - 7.0) < 4.0 * row.std and "L_da" not in found.fixed
     assert "tied by the vehicle file: L_da = -2.91667 L_p" in found.notes
 
@@ -77,7 +82,8 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
     case = case_of("own", 3)
     found = identify(case.record, case.vehicle, method, options=Options(profile=("L_p",)))
     (interval,) = found.intervals
-    assert interval.name == "L_p" and interval.agrees and interval.low < found.estimate.value("L_p") < interval.high
+    assert interval.name == "L_p" and interval.agrees and interval.low is not None and interval.high is not None
+    assert interval.low < found.estimate.value("L_p") < interval.high
     content = intervals_content(found.intervals)["intervals"]
     assert content["parameters"]["L_p"]["agrees_with_sigma"] and set(content["parameters"]) == {"L_p"}
     assert "L_p" in interval_lines(found.intervals, {"L_p": "1/s"})[-1]

@@ -12,7 +12,9 @@ from sim.errors import DeclarationError
 from sim.record import Record
 from tests.whole_axes import CONSTANTS, NOISE, TRUE, flown, true_model, vehicle_file
 
-SERVES = [(model, method) for model in TRUE for method in METHODS if (model, method) not in (("longitudinal", "ukf"), ("longitudinal", "frequency-domain"))]
+SERVES = [
+    (model, method) for model in TRUE for method in METHODS if (model, method) not in (("longitudinal", "ukf"), ("longitudinal", "frequency-domain"))
+]
 OFFSETS = {
     "lateral": {"beta": 0.02, "p": -0.01, "phi": 0.03, "ny": 0.02},
     "longitudinal": {"q": 0.01, "nz": -0.03, "nx": 0.02},
