@@ -93,11 +93,6 @@ def identify(
     )
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
-    slow = (SPEED, ATTITUDE)
-    airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
-    derived = modal_estimate(system, _of_parameters(estimate, system.parameters), slow) if airborne else {}
-    if vehicle.model == "loes" and "delay" in estimate.names:
-        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return Identification(
         record,
         vehicle,
@@ -105,7 +100,7 @@ def identify(
         estimate,
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
-        derived,
+        _derived(vehicle, model, system, estimate),
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
         _tests(records, estimate),
         tuple(others),
@@ -117,6 +112,15 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
+
+
+def _derived(vehicle: VehicleFile, model: Model, system: System, estimate: Estimate) -> dict[str, tuple[float, float]]:
+    """The modes of what was estimated, and the delay of a low-order system."""
+    airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
+    derived = modal_estimate(system, _of_parameters(estimate, system.parameters), (SPEED, ATTITUDE)) if airborne else {}
+    if vehicle.model == "loes" and "delay" in estimate.names:
+        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
+    return derived
 
 
 def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record]) -> Identification:
