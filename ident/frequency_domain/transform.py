@@ -80,7 +80,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     """
     step, count = step_of(record), len(record)
     rows, valid = record.output_array(system.output_names)
-    known = valid.any(axis=1)
+    known = np.asarray(valid.any(axis=1))
     filled = 0
     for i in np.flatnonzero(known & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))

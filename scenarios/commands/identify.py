@@ -19,7 +19,7 @@ from scenarios.identification.assessment.text import bound_lines, fit_lines, int
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import FILTERS, METHODS, identify, uses_attitude
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
-from scenarios.identification.result import Identification, Options
+from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -44,9 +44,7 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None) 
     return Options(names, band)
 
 
-def identify_records(
-    request: Request, method: str, out: Path | None, figures: bool, options: Options = Options(), matrices: Path | None = None
-) -> None:
+def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_files, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside

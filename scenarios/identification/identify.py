@@ -24,7 +24,7 @@ from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of, estimated, refuse_band
 from scenarios.identification.gravity import PATH, weighed, without_theta
-from scenarios.identification.result import Identification, Options
+from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.trim import of_totals
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
@@ -44,6 +44,7 @@ BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
+SLOW = (SPEED, ATTITUDE)  # states of a phugoid, which is no short-period mode
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -54,7 +55,7 @@ def identify(
     others: Sequence[Record] = (),
     model: Model | None = None,
     held_out: Sequence[Record] = (),
-    options: Options = Options(),
+    options: Options = PLAIN,
 ) -> Identification:
     """Estimate a vehicle file's model from a record, or by a whole-record method from it and ``others`` together.
 
@@ -92,12 +93,8 @@ def identify(
     )
     rows = rows_of(estimate)
     names = [f"bias_{name}" for name in biased.biases]
-    slow = (SPEED, ATTITUDE)
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown = estimate.only(system.parameters.names)
-    derived = modal_estimate(system, flown, slow) if airborne else {}
-    if vehicle.model == "loes" and "delay" in estimate.names:
-        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
     return Identification(
         record,
         vehicle,
@@ -105,13 +102,13 @@ def identify(
         estimate,
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
-        derived,
+        _derived(vehicle, model, system, estimate),
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
         _tests(records, estimate),
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
         cautions=cautions_of(vehicle, estimate, rows),
-        modes=characteristics(system, flown, slow) if airborne else None,
+        modes=characteristics(system, flown, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
@@ -119,6 +116,14 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
+
+
+def _derived(vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None) -> dict[str, tuple[float, float]]:
+    """The modes of what was estimated, ``flown`` where it moves about a rest, and the delay of a low-order system."""
+    derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
+    if vehicle.model == "loes" and "delay" in estimate.names:
+        derived["delay"] = estimate.value("delay"), estimate.sigma("delay")
+    return derived
 
 
 def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record]) -> Identification:

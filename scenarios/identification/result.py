@@ -64,3 +64,6 @@ class Options:
 
     profile: tuple[str, ...] | None = None
     band: tuple[float, float] | None = None
+
+
+PLAIN = Options()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 from sim.declaration.effect import Effect, NoiseEffect, Station, full_name
 from sim.declaration.model import Model
@@ -10,7 +13,7 @@ from sim.declaration.parameters import Parameter, ParameterSet
 from sim.declaration.parts import Parts, parts_of
 from sim.declaration.stages import dynamics_of, input_path_of, measured_of, noise_of, outputs_of, sensor_path_of, signals_of
 from sim.declaration.system import System
-from sim.declaration.ties import tied_system
+from sim.declaration.ties import Tie, with_tied_values
 
 
 def compile_model(model: Model, outputs: Sequence[str] | None = None, *, online: bool = False) -> System:
@@ -64,3 +67,39 @@ def _initial(parts: Parts) -> ParameterSet:
 
 def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(full_name(effect, item.name) for effect in effects for item in effect.parameters)
+
+
+def tied_system(system: System, ties: Sequence[Tie]) -> System:
+    """The System with every function seeing each tied parameter at what its tie gives; the same object where there are no ties.
+
+    A parameter that others follow counts as acting wherever one of these does.
+    """
+    if not ties:
+        return system
+    at = system.parameters.index
+    places = [(at(tie.name), [(at(source), factor) for source, factor in tie.terms], tie.constant) for tie in ties]
+    full = partial(_followed, places)
+    acting = {source for tie in ties if tie.name in system.input_parameters for source in tie.sources}
+    moving = {source for tie in ties if tie.name not in system.output_parameters for source in tie.sources}
+    return replace(
+        system,
+        parameters=with_tied_values(system.parameters, ties),
+        input_parameters=system.input_parameters | acting,
+        output_parameters=system.output_parameters - moving,
+        input_path=lambda p, u, edges: system.input_path(full(p), u, edges),
+        f=lambda t, x, u, p: system.f(t, x, u, full(p)),
+        h=lambda t, x, u, p: system.h(t, x, u, full(p)),
+        sensor_path=lambda p, begin, end, steps: system.sensor_path(full(p), begin, end, steps),
+        noise=lambda p: system.noise(full(p)),
+    )
+
+
+def _followed(places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]) -> list[Any]:
+    """The parameters with those that are tied worked out from the others; entries are numbers or arrays."""
+    out = list(p)
+    for place, terms, constant in places:
+        value: Any = constant
+        for source, factor in terms:
+            value = value + factor * p[source]
+        out[place] = value
+    return out

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from sim.declaration.parameters import ParameterSet
 from sim.errors import ModelError
-
-if TYPE_CHECKING:
-    from sim.declaration.system import System
 
 
 @dataclass(frozen=True)
@@ -64,39 +60,3 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
             raise ModelError("no finite numbers", where=where, remedy="give one parameter at least, with a finite factor")
     given = {tie.name: float(tie.of(lambda name: parameters[name].value)) for tie in ties}
     return parameters.hold(tied).with_values(given)
-
-
-def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """The System with every function seeing each tied parameter at what its tie gives; the same object where there are no ties.
-
-    A parameter that others follow counts as acting wherever one of these does.
-    """
-    if not ties:
-        return system
-    at = system.parameters.index
-    places = [(at(tie.name), [(at(source), factor) for source, factor in tie.terms], tie.constant) for tie in ties]
-    full = partial(_followed, places)
-    acting = {source for tie in ties if tie.name in system.input_parameters for source in tie.sources}
-    moving = {source for tie in ties if tie.name not in system.output_parameters for source in tie.sources}
-    return replace(
-        system,
-        parameters=with_tied_values(system.parameters, ties),
-        input_parameters=system.input_parameters | acting,
-        output_parameters=system.output_parameters - moving,
-        input_path=lambda p, u, edges: system.input_path(full(p), u, edges),
-        f=lambda t, x, u, p: system.f(t, x, u, full(p)),
-        h=lambda t, x, u, p: system.h(t, x, u, full(p)),
-        sensor_path=lambda p, begin, end, steps: system.sensor_path(full(p), begin, end, steps),
-        noise=lambda p: system.noise(full(p)),
-    )
-
-
-def _followed(places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]) -> list[Any]:
-    """The parameters with those that are tied worked out from the others; entries are numbers or arrays."""
-    out = list(p)
-    for place, terms, constant in places:
-        value: Any = constant
-        for source, factor in terms:
-            value = value + factor * p[source]
-        out[place] = value
-    return out

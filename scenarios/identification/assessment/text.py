@@ -18,7 +18,9 @@ LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to 
 
 def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
     """A line for each parameter at a bound and each that follows others."""
-    followed = [f"{row.name} {number(row.estimate, row.std)} +- {number(row.std, row.std)}{_unit(row.unit)}, tied" for row in tied]
+    # What follows only what is held has no sigma of its own.
+    sigmas = [f" +- {number(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
+    followed = [f"{row.name} {number(row.estimate, row.std)}{sigma}{_unit(row.unit)}, tied" for row, sigma in zip(tied, sigmas, strict=True)]
     return [*(each.words for each in at_bounds), *followed]
 
 

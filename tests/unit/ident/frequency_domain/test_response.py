@@ -92,7 +92,7 @@ def test_what_is_not_linear_is_named() -> None:
 
 def test_records_that_have_no_transform() -> None:
     system, rng = compile_model(oscillator()), np.random.default_rng(2)
-    with pytest.raises(RecordError, match="samples are uneven.*--rate"):
+    with pytest.raises(RecordError, match=r"samples are uneven.*--rate"):
         transformed(record_of(rng, uneven=True), system, (0.0, 5.0))
     with pytest.raises(RecordError, match=r"samples of place are missing.*output-error"):
         transformed(record_of(rng, missing=True), system, (0.0, 5.0))

@@ -82,7 +82,8 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
     case = case_of("own", 3)
     found = identify(case.record, case.vehicle, method, options=Options(profile=("L_p",)))
     (interval,) = found.intervals
-    assert interval.name == "L_p" and interval.agrees and interval.low < found.estimate.value("L_p") < interval.high
+    assert interval.name == "L_p" and interval.agrees and interval.low is not None and interval.high is not None
+    assert interval.low < found.estimate.value("L_p") < interval.high
     content = intervals_content(found.intervals)["intervals"]
     assert content["parameters"]["L_p"]["agrees_with_sigma"] and set(content["parameters"]) == {"L_p"}
     assert "L_p" in interval_lines(found.intervals, {"L_p": "1/s"})[-1]

@@ -15,7 +15,6 @@ REFUSED = {
     ("loes", "equation-error"): "output alpha shows more than state alpha; .* use output-error",
     ("ballistic", "frequency-domain"): "it has no input, to which a frequency response could be; use output-error",
     ("longitudinal", "frequency-domain"): "the rate of airspeed is no linear function of states and inputs: .*; use output-error",
-    ("longitudinal", "ukf"): "an unscented filter of totals is biased .*; use ekf, output-error",
     ("own", "filter-error"): "the roll model has no turbulence that filter-error could estimate; use output-error",
 }
 # Still air has no process noise: its size ends at nothing, which no record determines; the rest of the estimate is sound and the caution says so.

@@ -55,7 +55,7 @@ def test_a_delay_may_follow_and_be_followed() -> None:
     p[late.parameters.index("inv_tau")] = 11.8
     grid = make_grid(flown.time, 0.01)
 
-    def outputs(system, values):  # type: ignore[no-untyped-def]
+    def outputs(system, values):
         drive = drive_from_record(system, values, flown.input_array(system.input_names), flown.time, flown.hold, grid)
         return np.array(simulate(system, values, system.initial.values().tolist(), drive, grid))
 
