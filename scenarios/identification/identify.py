@@ -102,7 +102,7 @@ def identify(
         estimate,
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
-        _derived(vehicle, model, system, estimate),
+        _derived(vehicle, system, estimate, flown if airborne else None),
         {item.name: (item.value, item.unit) for item in biased.parameters if not item.free and item.name not in {tie.name for tie in model.ties}},
         _tests(records, estimate),
         tuple(others),
