@@ -63,13 +63,13 @@ def _print(campaign: Campaign) -> None:
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
     table = Table(title=title, title_justify="left")
-    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported", "in 1 sigma", "within 2 sigma", "95 % interval"):
+    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported", "within 2 sigma", "95 % interval", "in 1 sigma"):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
     for s in (*campaign.spreads, campaign.pooled):
         low, high = s.interval
-        shares = [f"{100 * share:.1f} %" for share in (s.within_one, s.within_two)]
-        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported), *shares]
-        table.add_row(s.name, s.unit, *cells, f"{100 * low:.1f} to {100 * high:.1f} %")
+        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported)]
+        shares = f"{100 * s.within_two:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %", f"{100 * s.within_one:.1f} %"
+        table.add_row(s.name, s.unit, *cells, *shares)
     terminal.print(table)
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
