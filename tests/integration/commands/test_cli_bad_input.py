@@ -58,6 +58,8 @@ VEHICLES: dict[str, tuple[tuple[str, str], tuple[str, ...]]] = {
     "unknown unit": (("288017 lb", "288017 stones and a half"), ("key mass", "unknown unit", "write kg, lb or slug")),
     "wrong dimension": (("288017 lb", "288017 m"), ("key mass", "'m' does not measure a mass", "write kg, lb or slug")),
     "text": (("4.66344", '"long"'), ("key chord", "'long' is not a number with a unit")),
+    "bound below the start": (("Cm_de = -2.1", "Cm_de = -2.1\n[bounds]\nCm_q = [-20.0, 0.0]"), ("key bounds.Cm_q", "the start -28 lies outside")),
+    "tie that is text": (("Cm_de = -2.1", 'Cm_de = -2.1\n[tied]\nCm_z = "2 * Cm_de"'), ("key tied.Cm_z", "no parameter 'Cm_z'", "did you mean")),
     "not TOML": (("[derivatives]", "[derivatives"), ("not valid TOML", "line 9")),
 }
 
@@ -81,6 +83,12 @@ OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "from beyond the end": (("--from", "99"), ("record.csv", "no row between --from and --to", "covers 0 to 8 s")),
     "to before the start": (("--to", "-1"), ("record.csv", "covers 0 to 8 s")),
     "from after to": (("--from", "3", "--to", "2"), ("--from 3 is not before --to 2", "give the earlier time first")),
+    "profile of nothing estimated": (("--profile", "Cm_z"), ("--profile", "no parameter 'Cm_z' is estimated", "did you mean")),
+    "profile of a filter": (("--profile", "Cm_q", "--method", "ekf"), ("--profile", "ekf has no likelihood", "use --method output-error")),
+    "band in time": (("--band", "0.1", "2"), ("--band", "output-error has no band", "--method frequency-domain")),
+    "no band": (("--method", "frequency-domain", "--band", "2", "1"), ("--band", "2 to 1 Hz is no band", "lower frequency first")),
+    "empty band": (("--method", "frequency-domain", "--band", "0.13", "0.14"), ("record.csv", "no harmonic of", "widen --band")),
+    "validate on the record itself": (("--validate", "record.csv"), ("record.csv", "the record is named twice")),
     "no channel map": (("--channels", "absent.toml"), ("absent.toml", "no such file", "check the path")),
     "no vehicle file": (("--vehicle", "absent.toml"), ("absent.toml", "no such file", "check the path")),
 }
@@ -99,7 +107,7 @@ USAGE: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "list an unknown scenario": (("list", "rigit"), ("no scenario 'rigit'",)),
     "simulate without a file": (("simulate", "rigid"), ("missing option '--out'",)),
     "simulate into another format": (("simulate", "rigid", "--out", "flight.txt"), ("flight.txt", ".txt", ".csv")),
-    "identify nothing": (("identify",), ("missing argument 'RECORD'",)),
+    "identify nothing": (("identify",), ("missing argument 'RECORD...'",)),
     "identify without a model": (("identify", "r.csv"), ("missing option '--model'",)),
     "an effort that there is not": (("diagnose", "r.csv", "--model", "rigid", "--effort", "heroic"), ("--effort", "no effort 'heroic'", "thorough")),
     "a campaign of one run": (("campaign", "rigid", "--runs", "1"), ("'--runs'", "2")),
