@@ -21,7 +21,7 @@ LOOP = ("false-alarms", "weak-effects", "random-papers")  # campaigns of the tra
 def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
     """The same of a user's own model in a flight that the command line describes."""
     from scenarios.studies.catalogue import with_changes
-    from scenarios.studies.schema import scenario_of
+    from scenarios.studies.scenario_file.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
     scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)

@@ -17,8 +17,9 @@ from scenarios.identification.assessment.content import constraints_content, fit
 from scenarios.identification.assessment.intervals import SETTLED
 from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.frequency import METHOD as FREQUENCY
-from scenarios.identification.identify import FILTERS, METHODS, identify, uses_attitude
+from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
+from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ _TOLD_BY = {
     "loes": (("gravity", True), ("mass", False)),
 }
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
+RELATIVE_PRIOR = 0.5
+OF_TYPICAL = 0.01  # of the largest start, where one is zero
 
 
 @dataclass(frozen=True)
@@ -172,3 +174,11 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
             tables[number - 1][key] = value
         content["derivatives"] = kept
     return tables
+
+
+def with_priors(model: Model, free: Sequence[str]) -> Model:
+    """The model with exactly the named parameters free, each with a prior standard deviation of half its starting value: files may be 30 % wrong."""
+    parameters = model.parameters.only_free(free)
+    typical = max((abs(parameters[name].value) for name in free), default=1.0)
+    prior = {name: RELATIVE_PRIOR * (abs(parameters[name].value) or OF_TYPICAL * typical or 1.0) for name in free}
+    return model.with_parameters(parameters.with_prior(prior))

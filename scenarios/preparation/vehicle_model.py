@@ -9,8 +9,7 @@ import numpy as np
 
 from scenarios.files.constraints import constrained
 from scenarios.files.own_models import inputs_at_rest, is_own
-from scenarios.files.priors import with_priors
-from scenarios.files.vehicles import VehicleFile
+from scenarios.files.vehicles import VehicleFile, with_priors
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Biased, Model
 from sim.declaration.system import System

@@ -61,7 +61,7 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     ------
     DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are named.
     """
-    from scenarios.studies.schema import scenario_of
+    from scenarios.studies.scenario_file.reading import scenario_of
 
     document, short, where = load_document(name, changes)
     if document.get("kind", IDENTIFICATION) != IDENTIFICATION:

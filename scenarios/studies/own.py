@@ -7,10 +7,9 @@ from dataclasses import replace
 
 from scenarios.files.declarations import closest
 from scenarios.files.own_models import OwnModel, is_model_file, read_own_model
-from scenarios.files.priors import with_priors
-from scenarios.files.vehicles import MODELS
+from scenarios.files.vehicles import MODELS, with_priors
 from scenarios.studies.declaration import Estimation, Start
-from scenarios.studies.quantities import Quantity, si
+from scenarios.studies.scenario_file.quantities import Quantity, si
 from sim.declaration.model import Biased, Model, Noise
 from sim.declaration.parameters import ParameterSet
 from sim.errors import DeclarationError, ModelError

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.files import write_diagnosis
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 

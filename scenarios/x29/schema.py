@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.catalogue import with_change
-from scenarios.studies.quantities import Quantity, positive, si
+from scenarios.studies.scenario_file.quantities import Quantity, positive, si
 from scenarios.x29.declaration import Against, LoopEstimation, LoopFlight, LoopScenario, Spike, StickPlan, Variant
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_DERIVATIVES

@@ -20,7 +20,7 @@ from sim.errors import ModelError
 
 
 def effect_modules() -> tuple[ModuleType, ...]:
-    """The modules of all station folders, in the order of the signal chain, then by name."""
+    """The modules of all station folders and the folders in them, in the order of the signal chain, then by name."""
     found: list[ModuleType] = []
     for station in Station:
         folder = f"sim.effects.{station.name.lower()}"
@@ -30,8 +30,8 @@ def effect_modules() -> tuple[ModuleType, ...]:
             if error.name != folder:
                 raise
             continue
-        names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
-        found += [importlib.import_module(f"{folder}.{name}") for name in names]
+        modules = [module.name for module in pkgutil.walk_packages(package.__path__, f"{folder}.") if not module.ispkg]
+        found += [importlib.import_module(name) for name in sorted(modules, key=lambda name: name.rpartition(".")[2])]
     return tuple(found)
 
 

@@ -13,8 +13,8 @@ from sim.declaration import own_model
 from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Fitted, SearchContext, Traceable
-from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.control_unevenness import ControlUnevenness
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
 from sim.effects.library import effects_for, guards_for
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod

@@ -11,9 +11,9 @@ import numpy as np
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Evidence, FittedRecord, Quantity
 from ident.tracing.residual_structure import Leftover, left_over
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import is_of_aircraft
 from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
 

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
 from scenarios.diagnosis.report.figures import numbered
 from scenarios.diagnosis.report.text import kind_of_predicted
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.plots.pictured import Pictured, Replicated

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report import text
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
@@ -20,6 +19,7 @@ from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import channel_units
 from scenarios.preparation.record_words import record_rows
 from sim.declaration.traits import GUARD

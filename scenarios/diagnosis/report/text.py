@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.effort import effort_sentence
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
@@ -16,6 +15,7 @@ from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines

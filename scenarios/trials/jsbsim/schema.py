@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.quantities import Quantity, positive, si
+from scenarios.studies.scenario_file.quantities import Quantity, positive, si
 from scenarios.trials.jsbsim.aircraft import CONDITIONS, known_aircraft
 from scenarios.trials.jsbsim.declaration import CONTROLS, DURATIONS, MANEUVERS, OUTPUTS, SURFACES, JsbsimFlight
 from sim.errors import DeclarationError

@@ -8,8 +8,8 @@ from itertools import permutations
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from ident.tracing.weighed import Ground, Weighed
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import warnings_of
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.trials.calibration import Statement
 from scenarios.trials.papers.kinds import KINDS
 from scenarios.trials.papers.paper import Mark, Named, Paper

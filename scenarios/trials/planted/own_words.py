@@ -12,7 +12,7 @@ from scenarios.files.own_models import unit_in
 from scenarios.identification.example_motion import BETWEEN, Motion
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.flying import KINDS, maneuver_of
-from scenarios.studies.quantities import positive, si
+from scenarios.studies.scenario_file.quantities import positive, si
 from scenarios.trials.planted.hiding import find_term
 from sim.declaration.model import Model
 from sim.effects.library import effects_for

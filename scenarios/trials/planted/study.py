@@ -10,7 +10,8 @@ from enum import Enum
 from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.diagnose import Tracing, diagnose_files
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.preparation.request import Request
 from scenarios.trials.planted.declaration import Expectation, TraceScenario
 from scenarios.trials.planted.flights import FlownTrace, fly_trace, write_flown

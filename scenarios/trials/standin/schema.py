@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.declarations import checked, closest
 from scenarios.files.vehicles_schema import STRICT
-from scenarios.studies.quantities import Quantity, positive, si
+from scenarios.studies.scenario_file.quantities import Quantity, positive, si
 from scenarios.trials.aircraft import AIRCRAFT
 from scenarios.trials.standin.axes import AXES
 from scenarios.trials.standin.declaration import LATERAL, LONGITUDINAL, Causes, FlightLine, Hidden, Span, StandIn

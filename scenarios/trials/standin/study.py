@@ -10,7 +10,8 @@ from enum import Enum
 from pathlib import Path
 
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.diagnose import Tracing, diagnose_files
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.preparation.request import Request
 from scenarios.trials.scoring import same_fault
 from scenarios.trials.standin.declaration import Causes, StandIn

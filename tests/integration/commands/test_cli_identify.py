@@ -19,7 +19,8 @@ from scipy.io import savemat
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
-from scenarios.identification.identify import METHODS, identify
+from scenarios.identification.identify import identify
+from scenarios.identification.methods import METHODS
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.flying import fly_scenario
 from sim.record import Hold

@@ -18,7 +18,9 @@ from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
 from scenarios.studies.flying import EVER, held_alike, maneuvers_by_input
-from scenarios.studies.schema import Maneuver, maneuver_plans, scenario_of
+from scenarios.studies.scenario_file.flight import maneuver_plans
+from scenarios.studies.scenario_file.reading import scenario_of
+from scenarios.studies.scenario_file.schema import Maneuver
 from scenarios.studies.study import run_scenario
 from scenarios.trials.planted.flights import off
 from scenarios.trials.planted.own_flight import OwnFlight, study_document

@@ -14,7 +14,7 @@ import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from scenarios.studies import schema
+from scenarios.studies.scenario_file import schema
 from tests.integration.command_line import CommandLine
 
 ROOT = Path(__file__).parents[3]
@@ -86,12 +86,12 @@ def test_links_lead_somewhere(path: Path) -> None:
 
 
 SECTIONS: dict[str, type[BaseModel]] = {
-    "The file": schema._Scenario,
-    "`[flight]`": schema._Flight,
+    "The file": schema.ScenarioTable,
+    "`[flight]`": schema.FlightTable,
     "`[[flight.maneuvers]]`": schema.Maneuver,
-    "`[estimate]`": schema._Estimate,
-    "`[estimate.start]` and `[estimate.initial]`": schema._Spread,
-    "`published`": schema._Published,
+    "`[estimate]`": schema.EstimateTable,
+    "`[estimate.start]` and `[estimate.initial]`": schema.SpreadTable,
+    "`published`": schema.PublishedTable,
 }
 
 
@@ -139,7 +139,7 @@ def test_every_choice_of_a_scenario_is_documented() -> None:
 
 def test_every_table_of_the_schema_is_documented() -> None:
     tables = {
-        kind for kind in vars(schema).values() if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in (BaseModel, schema._Strict)
+        kind for kind in vars(schema).values() if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in (BaseModel, schema.Strict)
     }
     assert tables == set(SECTIONS.values())
 

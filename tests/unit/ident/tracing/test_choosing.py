@@ -19,7 +19,7 @@ from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.detection import input_edges
 from ident.tracing.validation.held_out import HeldOutData, held_out
 from sim.declaration.proposal import Traceable
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale

@@ -17,7 +17,7 @@ from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, held_out, predicted_by
 from ident.tracing.verdict import ResidualTests, verdict_on
 from sim.declaration.proposal import Traceable
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale

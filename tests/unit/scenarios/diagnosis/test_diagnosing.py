@@ -11,8 +11,9 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.diagnosis.candidates import candidates_for, read_effects
-from scenarios.diagnosis.diagnose import Tracing, diagnose_files
+from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle

@@ -10,9 +10,9 @@ import pytest
 from ident.flying_qualities.characteristics import Characteristics
 from ident.flying_qualities.mode_levels import Flown
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.text import diagnosis_text, headline
+from scenarios.diagnosis.tracing import Tracing
 from tests.diagnoses import tracing_of
 
 

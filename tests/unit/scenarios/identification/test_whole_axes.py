@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from scenarios.identification.identify import METHODS, identify
+from scenarios.identification.identify import identify
+from scenarios.identification.methods import METHODS
 from scenarios.identification.result import Identification
 from sim.record import Record
 from tests.whole_axes import CONSTANTS, NOISE, TRUE, flown, true_model, vehicle_file

@@ -10,7 +10,7 @@ from ident.tracing.replication.by_record import Flight, _alike, distance_from_ab
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from tests.tracing_problem import all_records, doublets, part, planted
 

@@ -16,8 +16,8 @@ from ident.tracing.screening.score_test import Finding
 from ident.tracing.validation.held_out import held_out
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
-from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale

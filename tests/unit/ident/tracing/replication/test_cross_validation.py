@@ -22,7 +22,7 @@ from ident.whole_record.output_error import fit_covariance
 from sim.declaration.proposal import Traceable, fitted_to
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
 from sim.effects.sensor_path.sensor_delay import SensorDelay

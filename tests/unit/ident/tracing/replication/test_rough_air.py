@@ -15,7 +15,7 @@ from ident.tracing.replication.rough_air import predicted, process_noise_that_st
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOutData
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.maneuvers.steps import doublet, sequence, three_two_one_one
 from sim.record import Record
 from sim.truth.flight import fly, sample_times

@@ -14,7 +14,7 @@ from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import measured_masks
 from scenarios.diagnosis.candidates import candidates_for
 from sim.declaration.proposal import Traceable
-from sim.effects.dynamics.varies import Varies
+from sim.effects.dynamics.curves.varies import Varies
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.vehicles.factory import model_from_constants

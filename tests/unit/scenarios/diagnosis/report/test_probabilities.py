@@ -12,11 +12,11 @@ import pytest
 
 from ident.tracing.diagnosis import Claim, Verdict
 from ident.tracing.name_probability import SOMETHING_ELSE
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.probabilities import probability_sentence, shown_probability
 from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import json_text
 from tests.diagnoses import tracing_of
 

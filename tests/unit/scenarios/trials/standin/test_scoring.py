@@ -13,7 +13,7 @@ from pydantic_core import PydanticUndefined
 from scipy.stats import binom
 
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
-from scenarios.diagnosis.diagnose import Tracing
+from scenarios.diagnosis.tracing import Tracing
 from scenarios.studies.catalogue import load_document, load_scenario
 from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin import campaign, schema, study

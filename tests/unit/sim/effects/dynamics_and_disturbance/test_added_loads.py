@@ -14,12 +14,12 @@ from sim.declaration.effect import Effect
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
-from sim.effects.dynamics.control_unevenness import VARIANTS, ControlUnevenness
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_unevenness import VARIANTS, ControlUnevenness
+from sim.effects.dynamics.curves.lift_nonlinearity import LIFT_NONLINEARITY
+from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.elastic_mode import ElasticMode
-from sim.effects.dynamics.lift_nonlinearity import LIFT_NONLINEARITY
-from sim.effects.dynamics.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.library import find_effect, guards_for
 from sim.maths.splines import combine, natural_shapes
 from sim.vehicles.loes import Loes

@@ -18,16 +18,16 @@ from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.dynamics.control_nonlinearity import VARIANTS as CURVED_CONTROLS
-from sim.effects.dynamics.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_nonlinearity import VARIANTS as CURVED_CONTROLS
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.drag_mach import DragMach
+from sim.effects.dynamics.curves.drag_nonlinearity import VARIANTS as CURVED_DRAG
+from sim.effects.dynamics.curves.lift_nonlinearity import VARIANTS as CURVED_LIFT
+from sim.effects.dynamics.curves.moment_nonlinearity import VARIANTS as CURVED_MOMENT
+from sim.effects.dynamics.curves.roll_nonlinearity import VARIANTS as CURVED_ROLL
+from sim.effects.dynamics.curves.side_force_nonlinearity import VARIANTS as CURVED_SIDE_FORCE
+from sim.effects.dynamics.curves.yaw_nonlinearity import VARIANTS as CURVED_YAW
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
-from sim.effects.dynamics.drag_mach import DragMach
-from sim.effects.dynamics.drag_nonlinearity import VARIANTS as CURVED_DRAG
-from sim.effects.dynamics.lift_nonlinearity import VARIANTS as CURVED_LIFT
-from sim.effects.dynamics.moment_nonlinearity import VARIANTS as CURVED_MOMENT
-from sim.effects.dynamics.roll_nonlinearity import VARIANTS as CURVED_ROLL
-from sim.effects.dynamics.side_force_nonlinearity import VARIANTS as CURVED_SIDE_FORCE
-from sim.effects.dynamics.yaw_nonlinearity import VARIANTS as CURVED_YAW
 from sim.effects.instances import controls
 from sim.effects.load_curve import LoadCurve
 from sim.effects.separating import BEYOND_PRODUCTS

@@ -1,0 +1,170 @@
+"""Any model by any method: what a method refuses, what it needs besides the model, and its estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.estimate import Estimate, Outcome
+from ident.filters.iterated_ekf import run_iterated_ekf
+from ident.whole_record.output_error import FitSettings, fit_output_error
+from scenarios.files.own_models import is_own
+from scenarios.files.vehicles import VehicleFile
+from scenarios.identification.assessment.intervals import refuse_profile
+from scenarios.identification.frequency import METHOD as FREQUENCY
+from scenarios.identification.frequency import delays_of, estimated, refuse_band
+from scenarios.identification.gravity import PATH
+from scenarios.identification.result import Options
+from scenarios.preparation.trim import of_totals
+from sim.declaration.compile import compile_model
+from sim.declaration.model import Model, Noise
+from sim.declaration.parameters import ParameterSet
+from sim.declaration.system import System
+from sim.errors import DeclarationError, RecordError
+from sim.record import Record
+
+FILTERS = ("ekf", "ukf")
+METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
+BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
+BEGINNING = 5  # samples whose median says where a sensor begins
+ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
+TURBULENCE = "gust-turbulence"
+LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+
+
+def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
+    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only a whole-record simulation has."""
+    return vehicle.model == "rigid" and method in ("output-error", "filter-error")
+
+
+def refuse_method(records: Sequence[Record], vehicle: VehicleFile, method: str, options: Options, fitted: int) -> None:
+    """Refuse a method that there is not, or not for these records (the first ``fitted`` of them to be fitted) and this model."""
+    if method not in METHODS:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
+    if fitted > 1 and method in FILTERS:
+        what = f"a filter runs along one segment, and there are {fitted}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or equation-error, or one pair of --from and --to")
+    if options.profile is not None:
+        refuse_profile(method)
+    refuse_band(options.band, method)
+    if method in FILTERS and vehicle.constraints.bounds:
+        what = f"a filter keeps no bounds, and the vehicle file bounds {', '.join(vehicle.constraints.bounds)}"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error, equation-error or frequency-domain")
+    for each in records:
+        _refuse_beyond_measure(each)
+    if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
+        what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
+        raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
+    if vehicle.model == "loes" and method == "ukf":
+        raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
+
+
+def _refuse_beyond_measure(record: Record) -> None:
+    for channel in record.channels:
+        wrong = np.flatnonzero(channel.valid & (np.abs(channel.values) > LARGEST))
+        if wrong.size:
+            where = f"{record.name}, channel {channel.name} at {record.time[wrong[0]]:g} s"
+            raise RecordError(
+                f"{channel.values[wrong[0]]:g} is no measurement", where=where, remedy="leave the cell empty where the sample is missing"
+            )
+
+
+def estimated_by(
+    records: Sequence[Record], model: Model, outputs: list[str], method: str, settings: FitSettings, options: Options
+) -> tuple[System, Estimate]:
+    """The system that a method estimates, and what it finds; a filter runs along the first record, begun from a fit of it."""
+    system = compile_model(model, outputs)
+    if method == "equation-error":
+        from ident.regression.equation_error import run_equation_error
+
+        return system, run_equation_error(records, system)
+    if method == FREQUENCY:
+        return system, estimated(records, system, settings, delays_of(model), options.band)
+    if method == "filter-error":
+        from ident.process_noise.filter_error import fit_filter_error
+
+        return system, fit_filter_error(records, compile_model(forced(model), outputs), settings, calm=system, local=[PATH])
+    fit = fit_output_error(records, system, settings, local=[PATH])
+    if method not in FILTERS:
+        return system, fit
+    record, ready = records[0], _for_filter(model, records[0], outputs, fit)
+    system = compile_model(ready, outputs, online=True)
+    if method == "ekf":
+        return system, run_iterated_ekf(record, system)
+    from ident.filters.iterated_ukf import run_iterated_ukf
+
+    return system, run_iterated_ukf(record, system, first=compile_model(_for_points(ready), outputs, online=True))
+
+
+def forced(model: Model) -> Model:
+    """The model with what filter error estimates besides: turbulence where gusts act, white noise on the acceleration of a falling body.
+
+    Raises
+    ------
+    DeclarationError : equations on which neither is known to act.
+    """
+    from sim.effects.library import effects_for
+
+    rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
+    if rough is not None:
+        return model.with_effects(rough)
+    if not any(state.name == "velocity" for state in model.equations.states):
+        what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
+        raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
+    return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+
+
+def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:
+    """Noise, initial state and bias priors for a filter, from the record alone.
+
+    A sensor's zero is looked for about where its record begins, the perturbation from trim about zero: a record of total
+    angles must not start the state at the trim's. Equations of totals are the other way about.
+    """
+    std, spread, begins = {}, {}, {}
+    totals = of_totals(model)
+    for name, fitted in zip(fit.output_names, fit.noise_std, strict=True):
+        channel = record[name]
+        values = channel.values[channel.valid]
+        spread[name] = max(float(np.std(values)), 1e-12)
+        sound = fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
+        std[name] = float(fitted) if sound else 0.1 * spread[name]
+        begins[name] = float(np.median(values[:BEGINNING]))
+    states = []
+    for item in model.initial:
+        if totals and item.name in outputs:
+            value, prior = begins[item.name], BIASED * spread[item.name]
+        elif is_own(model):
+            value, prior = item.value, max(abs(item.value), 1.0)
+        else:
+            value, prior = _first_state(item.name, record, outputs, std, spread)
+        states.append(replace(item, value=value, prior_std=prior))
+    zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
+    parameters = model.parameters.with_values(zeros)
+    parameters = parameters.with_prior({f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases})
+    return replace(model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std))
+
+
+def _for_points(model: Model) -> Model:
+    """Priors of derivatives for an unscented filter's first pass: its points lie sqrt(n) sigmas out, n unknowns, and none shall have another sign."""
+    count = sum(item.free for item in model.initial) + len(model.parameters.free_names)
+    names = [name for name in model.parameters.free_names if name not in {f"bias_{output}" for output in model.biases}]
+    widest = {name: abs(model.parameters[name].value) / np.sqrt(count) for name in names}
+    narrowed = {name: min(model.parameters[name].prior_std, float(std)) for name, std in widest.items() if std > 0.0}
+    return model.with_parameters(model.parameters.with_prior(narrowed))
+
+
+def _first_state(name: str, record: Record, outputs: list[str], std: dict[str, float], spread: dict[str, float]) -> tuple[float, float]:
+    if name in outputs:
+        channel = record[name]
+        if name != "altitude":
+            return 0.0, max(3.0 * std[name], spread[name])
+        return float(channel.values[channel.valid][0]), 3.0 * std[name]
+    if name == "velocity" and "altitude" in outputs:
+        channel = record["altitude"]
+        t, h = record.time[channel.valid], channel.values[channel.valid]
+        early = max(3, min(len(t), int(np.searchsorted(t, t[0] + 0.1 * (t[-1] - t[0])))))
+        slope = float(np.polyfit(t[:early] - t[0], h[:early], 1)[0])
+        return slope, max(0.1 * abs(slope), 4.0 * std["altitude"] / max(t[early - 1] - t[0], 1e-9))
+    return 0.0, 1.0

@@ -1,0 +1,1 @@
+"""Scenario files: their schema, their numbers, and the way to a Scenario."""

@@ -1,0 +1,107 @@
+"""From the content of a scenario file, checked, to a Scenario; imported only when one is read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ident.flying_qualities.mode_levels import flown_as
+from scenarios.files.declarations import checked
+from scenarios.files.own_models import OwnModel
+from scenarios.studies.declaration import Estimation, Flight, PublishedChoice, Scenario, Start
+from scenarios.studies.own import completed, model_files
+from scenarios.studies.scenario_file.flight import flight_of, repeated_of
+from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
+from scenarios.studies.scenario_file.schema import EstimateTable, ScenarioTable, SpreadTable
+from sim.declaration.model import Model
+from sim.errors import DeclarationError
+
+
+def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
+    """A Scenario from the content of its file; ``where`` names the file in messages.
+
+    A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself; its tables
+    ``start``, ``initial`` and ``held`` replace whole entries, not tables.
+
+    Raises
+    ------
+    DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file and key.
+    """
+    content = checked(ScenarioTable, document, where)
+    base = {key: value for key, value in document["estimate"].items()}
+    files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
+    flight = flight_of(content.flight, content.estimate.model, where, files)
+    mains = [estimation_of(content.estimate, "main", where, flight, files)]
+    for number, change in enumerate(content.methods, start=1):
+        merged = {**base, **change}
+        for table in ("start", "initial", "held"):
+            if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
+                merged[table] = {**base[table], **change[table]}
+        method = checked(EstimateTable, merged, where, f"methods[{number}]")
+        if method.name in [done.name for done in mains]:
+            raise DeclarationError(
+                f"the name {method.name!r} is taken", where=f"{where}, key methods[{number}].name", remedy="give each method a name of its own"
+            )
+        mains.append(estimation_of(method, method.name, where, flight, files))
+    return Scenario(
+        name,
+        content.title,
+        " ".join(content.about.split()),
+        content.distance,
+        flight,
+        tuple(mains),
+        content.condensed,
+        dict(content.display),
+        content.seed,
+        flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
+        tuple(file.identity for file in files.values()),
+        repeated_of(content, [each.name for each in mains], where, files) if content.repeated else None,
+    )
+
+
+def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight, files: Mapping[str, OwnModel]) -> Estimation:
+    place = f"{where}, key {'estimate' if name == 'main' else f'methods {name}'}"
+    own = files[estimate.model].model if estimate.model in files else None
+    model = own or estimate.model
+    _refuse_missing(estimate, own, place)
+    published = PublishedChoice(estimate.published.file, estimate.published.table, estimate.published.column) if estimate.published else None
+    declared = Estimation(
+        name=name,
+        label=estimate.label or name,
+        model=estimate.model,
+        outputs=tuple(estimate.outputs or ()),
+        start={key: _start(key, value, f"{place}.start.{key}", model) for key, value in (estimate.start or {}).items()},
+        initial={key: _start(key, value, f"{place}.initial.{key}", model) for key, value in (estimate.initial or {}).items()},
+        method=estimate.method,
+        modes=estimate.modes,
+        held={key: si(value, unit_of(key, model), f"{place}.held.{key}") for key, value in estimate.held.items()},
+        noise_std=standard_deviations(estimate.noise_std, estimate.noise_variance, place, model),
+        process_noise={key: density(key, value, f"{place}.process_noise.{key}", model) for key, value in estimate.process_noise.items()},
+        integration=estimate.integration,
+        terms=estimate.terms,
+        max_step=math.inf if estimate.max_step is None else positive(si(estimate.max_step, "s", f"{place}.max_step"), f"{place}.max_step"),
+        passes=estimate.passes,
+        use_priors=estimate.use_priors,
+        spread=math.inf if estimate.spread is None else estimate.spread,
+        explanation=" ".join(estimate.explanation.split()),
+        published=published,
+        flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
+        own=own,
+    )
+    return declared if own is None else completed(declared, flight.noise_std)
+
+
+def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:
+    """Raise DeclarationError where a built-in model is not told what only a file of one's own says itself."""
+    missing = [key for key in ("outputs", "start", "initial") if getattr(estimate, key) is None]
+    if own is None and missing:
+        word = "key" if len(missing) == 1 else "keys"
+        raise DeclarationError(f"{word} missing: {', '.join(missing)}", where=place, remedy="add " + ("it" if len(missing) == 1 else "them"))
+
+
+def _start(name: str, spread: SpreadTable, where: str, model: str | Model) -> Start:
+    std = si(spread.std, unit_of(name, model), f"{where}.std")
+    if not std > 0:
+        raise DeclarationError(f"{spread.std!r} is not above 0", where=f"{where}.std", remedy="give a standard deviation above zero")
+    return Start(si(spread.value, unit_of(name, model), f"{where}.value"), std)

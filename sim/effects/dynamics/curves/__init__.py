@@ -1,0 +1,1 @@
+"""Coefficients and derivatives that are curves: of an angle, a control, the Mach number, or of any signal."""
