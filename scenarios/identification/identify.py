@@ -60,7 +60,7 @@ def identify(
     ------
     DeclarationError : an unknown method. ModelError : the record has none of the model's outputs. RecordError : a number beyond all measure.
     """
-    records = [record, *others]
+    records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
         return _low_order(record, vehicle, held_out)
@@ -75,8 +75,7 @@ def identify(
     bounded, system, estimate, at_bounds = within_bounds(
         biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=kept
     )
-    rows = rows_of(estimate)
-    names = [f"bias_{name}" for name in biased.biases]
+    rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown = estimate.only(system.parameters.names)
     return Identification(

@@ -18,7 +18,7 @@ from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
 from scenarios.studies.declaration import Estimation, Scenario, Start
 from scenarios.studies.flying import STEPS
-from scenarios.studies.own import own_biases, own_declared
+from scenarios.studies.scenario_file.own import own_biases, own_declared
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect
 from sim.declaration.model import Model, Noise

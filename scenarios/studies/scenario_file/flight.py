@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from scenarios.files.own_models import OwnModel, is_model_file
 from scenarios.studies.declaration import Flight, ManeuverPlan, Repeated, Variation
-from scenarios.studies.own import truth_of
+from scenarios.studies.scenario_file.own import truth_of
 from scenarios.studies.scenario_file.quantities import Quantity, density, positive, si, standard_deviations, unit_of
 from scenarios.studies.scenario_file.schema import FlightTable, Maneuver, ScenarioTable
 from sim.declaration.model import Model

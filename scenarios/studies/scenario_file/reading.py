@@ -10,8 +10,8 @@ from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel
 from scenarios.studies.declaration import Estimation, Flight, PublishedChoice, Scenario, Start
-from scenarios.studies.own import completed, model_files
 from scenarios.studies.scenario_file.flight import flight_of, repeated_of
+from scenarios.studies.scenario_file.own import completed, model_files
 from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
 from scenarios.studies.scenario_file.schema import EstimateTable, ScenarioTable, SpreadTable
 from sim.declaration.model import Model

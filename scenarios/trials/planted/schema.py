@@ -11,8 +11,8 @@ from scenarios.files.declarations import checked
 from scenarios.files.vehicles import MODELS
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.declaration import ManeuverPlan
-from scenarios.studies.own import model_files
 from scenarios.studies.scenario_file.flight import maneuver_plans, own_vehicle_of, refuse_other_equations
+from scenarios.studies.scenario_file.own import model_files
 from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
 from scenarios.studies.scenario_file.schema import Maneuver, model_name
 from scenarios.trials.planted.declaration import Expectation, HiddenTerm, RecordPlan, TraceFlight, TraceScenario
