@@ -23,7 +23,7 @@ from ident.tracing.selection.background import with_known_background
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.forward import defies, first_round, forward_selection
-from ident.tracing.selection.general_forms import alone, for_pairs, leaving_noise, with_general_form, with_settings
+from ident.tracing.selection.general_forms import alone, for_pairs, leaving_noise, with_general_form
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.refitting import refitted
 from ident.tracing.settings import TraceSettings
@@ -142,9 +142,9 @@ def search(declared: Declared, held: HeldOutData) -> Found:
         # A search that trusts noise to be white would only add effect upon effect.
         ledger, partial = replicating(ledger, base, held)
     if partial is None:
-        settings = ledger.problem.settings
+        problem = ledger.problem
         ledger, best = forward_selection(for_pairs(ledger, general), base, first)
-        ledger, best = with_general_form(with_settings(ledger, settings), base, best, general)
+        ledger, best = with_general_form(replace(ledger, problem=problem), base, best, general)
         ledger, best = backward_elimination(ledger, best)
         ledger, best = refined(ledger, best)
     return Found(ledger, root, base, best if partial is None else partial.fitted, held, partial, asked, declared.spikes)

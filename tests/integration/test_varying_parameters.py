@@ -88,6 +88,15 @@ def test_on_a_clean_record_and_on_one_that_a_named_effect_explains_no_instance_i
     assert not any(candidate.name.startswith("varies:") and candidate.fitted for candidate in clean.candidates)
 
 
+def test_what_no_record_tells_apart_is_told_with_its_alternative() -> None:
+    """Damping that grows evenly with displacement is a stiffness that grows evenly with the speed: c1 x v either way, and no guard has it here."""
+    model = spring_model()
+    records = [spring(lambda x: 50.0, seed, size, lambda x: 1.0 + 2.0 * x) for seed, size in ((1, 1.0), (2, 0.8))]
+    found = diagnosed(model, records, some(model, "sensor-lag:x"))
+    assert found.verdict is Verdict.AMBIGUOUS and len(names(found)) == 1
+    assert {*names(found), *found.effects[0].alternatives} == {"varies:c(x)", "varies:k(v)"}
+
+
 @pytest.mark.slow
 def test_a_product_of_two_signals_stays_without_a_name() -> None:
     """Cm_q that grows evenly with alpha is Cm_alpha that grows evenly with q: the guard stands for both, and the caution names them."""

@@ -90,14 +90,14 @@ def rigid(damping: Law, seed: int, size: float = 1.0) -> Record:
     return recorded(time, {"elevator": ("rad", elevator)}, outputs, seed, f"rigid {seed}")
 
 
-def spring(stiffness: Law, seed: int, size: float = 1.0) -> Record:
-    """2 kg on a spring of ``stiffness`` (N/m) by displacement (m), damped by 1 N s/m, under pulses of force."""
+def spring(stiffness: Law, seed: int, size: float = 1.0, damping: Law = lambda x: 1.0) -> Record:
+    """2 kg on a spring of ``stiffness`` (N/m) with ``damping`` (N s/m), both by displacement (m), under pulses of force."""
     time = np.arange(401) / 20.0
     pulses = [(1.0, 4.0, 20.0), (9.0, 10.5, -15.0), (13.0, 14.0, 30.0)]
     force = size * np.sum([np.where((time >= begin - 1e-9) & (time < end - 1e-9), value, 0.0) for begin, end, value in pulses], axis=0)
 
     def push(x: np.ndarray, f: float) -> float:
-        return float((f - x[1] - stiffness(x[0]) * x[0]) / 2.0)
+        return float((f - damping(x[0]) * x[1] - stiffness(x[0]) * x[0]) / 2.0)
 
     x = moved(lambda x, u: [x[1], push(x, u[0])], time, np.atleast_2d(force), 2)
     pushed = np.array([push(x[:, k], force[k]) for k in range(len(time))])

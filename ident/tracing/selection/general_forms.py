@@ -23,7 +23,7 @@ from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
 from ident.tracing.selection.expansion import best_fit, evidence_of, expand
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.settings import TraceSettings
+from sim.declaration.effect import NoiseEffect
 
 
 def choice_price(number: int) -> float:
@@ -79,15 +79,17 @@ def with_general_form(ledger: Ledger, base: FittedModel, best: FittedModel, gene
 
 
 def for_pairs(ledger: Ledger, general: Alone) -> Ledger:
-    """The ledger for a search that looks no further than sets of two, where an instance alone leaves noise: three causes are no better answer."""
+    """The ledger for a search that looks no further than sets of two causes, with part of its means, where an instance alone leaves noise.
+
+    Three causes are no better answer, and process noise, which takes in whatever has a cause, none at all.
+    """
     if not leaving_noise(ledger, general.fitted):
         return ledger
-    return with_settings(ledger, replace(ledger.problem.settings, depth=min(2, ledger.problem.settings.depth)))
-
-
-def with_settings(ledger: Ledger, settings: TraceSettings) -> Ledger:
-    """The ledger of the same search under other settings."""
-    return replace(ledger, problem=replace(ledger.problem, settings=settings))
+    problem = ledger.problem
+    settings = replace(problem.settings, depth=min(2, problem.settings.depth))
+    causes = tuple(candidate for candidate in problem.candidates if not isinstance(candidate, NoiseEffect))
+    spent = max(ledger.spent, (1.0 - thresholds.LEFT_FOR_PAIRS) * settings.budget)
+    return replace(ledger, problem=replace(problem, settings=settings, candidates=causes), spent=spent)
 
 
 def leaving_noise(ledger: Ledger, sets: Sequence[FittedModel]) -> list[FittedModel]:
