@@ -87,6 +87,23 @@ def test_which_of_two_is_late_takes_a_third() -> None:
     assert leaders(five) == {"sensor-scale:phi": ()}
 
 
+def test_biases_that_make_up_for_each_other_are_not_seen_and_said_to_be() -> None:
+    """g sin(theta) against ax along the path, g sin(phi) against ny across it."""
+    channels = ("alpha", "theta", "airspeed", "ax", "az", "p", "phi")
+    tilted = Faults(bias={"theta": 0.02, "ax": 0.02 * 9.80665})
+    found = compatibility([shown(fly(), channels, tilted, 1)], SETTINGS)
+    assert set(found.relations) == {"airspeed", "phi"} and leaders(found) == {}
+    assert any("bias:ax" in line and "bias:theta" in line and "only combinations" in line for line in found.cannot_tell)
+    leaning = compatibility([shown(fly(), LATERAL, Faults(bias={"phi": 0.03, "ny": -0.03}), 1)], SETTINGS)
+    assert leaders(leaning) == {} and "bias:ny and bias:phi: only combinations of them show" in leaning.cannot_tell
+
+
+def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
+    found = compatibility([shown(fly(), LATERAL, Faults(delay=dict.fromkeys(LATERAL, 0.08)), 1)], SETTINGS)
+    assert leaders(found) == {}
+    assert "a delay common to beta, p, r, ny and phi leaves no trace: only relative timing shows" in found.cannot_tell
+
+
 def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
     found = compatibility([shown(fly(), LATERAL, Faults(), 1)], CompatibilitySettings())
     assert set(found.relations) == {"phi"} and any("airspeed" in note for note in found.notes)
