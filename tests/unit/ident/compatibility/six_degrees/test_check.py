@@ -53,6 +53,7 @@ def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
     assert any(note.startswith("times count from") and "beta" not in note.split(", which")[0] for note in found.notes)
 
 
+@pytest.mark.slow
 def test_accelerometers_on_one_base_are_one_fault() -> None:
     wrong = Faults(accelerometers=dict.fromkeys(("ax", "ay", "az"), (3.0, 0.0, 0.0)))
     found = compatibility([shown(fly(), WHOLE, wrong, 2)], SETTINGS)
