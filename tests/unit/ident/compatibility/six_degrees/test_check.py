@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
+from ident.compatibility.instruments import shortened
 from ident.compatibility.result import Compatibility, CompatibilitySettings
+from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import FINE, LATERAL, SPEED, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.flights import THREE, record
@@ -161,6 +163,15 @@ def test_channels_that_close_nothing_leave_a_longitudinal_check_as_it_is() -> No
     more = replace(more, inputs=(*more.inputs, Channel.of("aileron", "rad", np.sin(plain.time))))
     one, two = compatibility([plain], SETTINGS), compatibility([more], SETTINGS)
     assert one.joint.estimates == two.joint.estimates and one.cannot_tell == two.cannot_tell
+
+
+def test_an_attitude_near_the_vertical_is_refused_and_a_short_record_ends_well() -> None:
+    whole = shown(fly(), WHOLE, Faults(), 1)
+    with pytest.raises(RecordError, match="near the vertical"):
+        compatibility([shown(fly(), (*LATERAL, "theta"), Faults(bias={"theta": 1.4}), 1)], SETTINGS)
+    short = compatibility([whole.window(0.0, 0.8)], SETTINGS)
+    assert leaders(short) == {} and all(np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all() for item in short.joint.estimates)
+    assert shortened.cache_info().currsize == 0, "what was made for this check is not kept after it"
 
 
 def test_exact_and_constant_data_end_well() -> None:
