@@ -10,7 +10,7 @@ import numpy as np
 from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
-from ident.compatibility.instruments import instruments_of, weigher
+from ident.compatibility.instruments import instruments_of, shortened, weigher
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
@@ -54,6 +54,7 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
         return _compatibility(records, settings, each=each)
     finally:
         weigher.cache_clear()  # it holds the records of this check
+        shortened.cache_clear()
 
 
 def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:

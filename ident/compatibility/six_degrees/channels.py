@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ident.compatibility.signals import EDGE, Signals, isolated
+from sim.errors import RecordError
 from sim.maths.constants import G0
 from sim.record import Record
 
@@ -16,6 +17,7 @@ CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax", "nx", "beta", "
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
 WRAPPED = ("phi", "psi")
 _INCREMENTAL = 0.5  # g: a mean load below is one without the weight
+_STEEPEST = 1.4  # rad: nearer to the vertical Euler angles are no measurement
 
 
 def recorded(record: Record) -> tuple[str, ...]:
@@ -60,6 +62,10 @@ def ready(record: Record, channels: Sequence[str], airspeed: float | None, gravi
     """Signals of a record for its ``channels``, those common to all records; and sentences on what was done to them.
 
     Angles that wrap around are unwrapped; a vertical load without the weight gets it.
+
+    Raises
+    ------
+    RecordError : an attitude near the vertical.
     """
     raw, valid, spikes, notes = {}, {}, {}, []
     for name in channels:
@@ -69,6 +75,9 @@ def ready(record: Record, channels: Sequence[str], airspeed: float | None, gravi
         wrong = isolated(record.time[there], values[there])
         spikes[name] = int(np.count_nonzero(wrong))
         there[np.flatnonzero(there)[wrong]] = False
+        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST):
+            where = f"{record.name}, channel theta"
+            raise RecordError("an attitude near the vertical, where bank and heading mean nothing", where=where, remedy="cut the record there")
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     if (z := load_on("z", channels)) is not None:
         weight = 1.0 if z == "nz" else -G0

@@ -66,27 +66,30 @@ def linear(found: Fit, faults: Sequence[SensorFault], secants: np.ndarray) -> Li
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(found.signals):
         unknowns = unknowns_of(s)
-        slopes = _slopes(found, r, faults, secants)
+        slopes, at_rest = _slopes(found, r, faults, secants)
         own, extra = found.own[r], slopes[:, :, len(found.own[r]) :]
         at = [faults.index(fault) for fault in found.faults]
         residual = np.where(s.valid, found.residuals[r] + extra[:, :, at] @ found.sizes, 0.0)
         prior = np.array([item.prior**-2 for item in unknowns])
-        columns = np.concatenate([np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None], found.residuals[r][:, :, None]], axis=2)
-        white = weigher(s, found.noise)(columns)
+        columns = np.concatenate([np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2)
+        more = np.where(s.valid[:, :, None], at_rest, 0.0)
+        white, other = np.split(weigher(s, found.noise)(np.concatenate([columns, more], axis=2)), [columns.shape[2]], axis=2)
         left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
-        smoother.append(_normal(white[:, :, :-1], prior, own, left))
-        kept.append(columns[:, :, :-1])
+        smoother.append(_normal(white, prior, own, left))
+        kept.append(columns)
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
-        flat = white[:, :, :-1].reshape(-1, slopes.shape[2] + 1)
+        flat = white.reshape(-1, white.shape[2])
         gram = flat.T @ flat
-        free.append(_without(gram[:-1, :-1], prior, named))
+        flat[:, [len(own) + j for j, fault in enumerate(faults) if fault.kind == DELAY]] = other.reshape(len(flat), -1)
+        free.append(_without(flat[:, :-1].T @ flat[:, :-1], prior, named))
         extended = np.append(prior, np.zeros(len(faults)))
         whole.append((gram[:-1, :-1] + np.diag(extended), gram[:-1, -1] - extended * np.append(own, np.zeros(len(faults)))))
     return Linear(found, tuple(faults), tuple(smoother), biases, np.sum(free, axis=0), tuple(whole), tuple(kept))
 
 
-def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> np.ndarray:
+def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what stands: secants of a common delay differ."""
     s, own = found.signals[r], found.own[r]
     unknowns = unknowns_of(s)
     sizes = np.zeros(len(faults))
@@ -94,6 +97,7 @@ def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarr
         sizes[list(faults).index(fault)] = size
     _, slopes = linearised(s, unknowns, faults, own, sizes)
     n = len(own)
+    at_rest = slopes[:, :, [n + j for j, fault in enumerate(faults) if fault.kind == DELAY]]
     for j, fault in enumerate(faults):
         if fault.kind in (DELAY, LAG):
             # From none to its size, the others as they stand but for other ways in which the same channel is late.
@@ -101,7 +105,7 @@ def _slopes(found: Fit, r: int, faults: Sequence[SensorFault], secants: np.ndarr
             ends[1, j] = secants[j]
             y = evaluate(s, unknowns, faults, np.repeat(own[None], 2, axis=0), ends)
             slopes[:, :, n + j] = (y[:, 1] - y[:, 0]) / secants[j]
-    return slopes
+    return slopes, at_rest
 
 
 def _normal(white: np.ndarray, prior: np.ndarray, own: np.ndarray, left: np.ndarray) -> Normal:

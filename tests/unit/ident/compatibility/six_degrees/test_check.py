@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from ident.compatibility.check import compatibility
+from ident.compatibility.instruments import shortened
 from ident.compatibility.result import Compatibility, CompatibilitySettings
+from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.oracles.six_degrees import FINE, LATERAL, SPEED, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.flights import THREE, record
@@ -53,6 +55,7 @@ def test_three_faults_of_different_axes_are_named_and_sized_together() -> None:
     assert any(note.startswith("times count from") and "beta" not in note.split(", which")[0] for note in found.notes)
 
 
+@pytest.mark.slow
 def test_accelerometers_on_one_base_are_one_fault() -> None:
     wrong = Faults(accelerometers=dict.fromkeys(("ax", "ay", "az"), (3.0, 0.0, 0.0)))
     found = compatibility([shown(fly(), WHOLE, wrong, 2)], SETTINGS)
@@ -85,6 +88,23 @@ def test_which_of_two_is_late_takes_a_third() -> None:
     assert "a scale common to p and phi leaves no trace: only ratios show" in two.cannot_tell
     five = compatibility([shown(fly(), LATERAL, Faults(scale={"phi": 1.1}), 1)], SETTINGS)
     assert leaders(five) == {"sensor-scale:phi": ()}
+
+
+def test_biases_that_make_up_for_each_other_are_not_seen_and_said_to_be() -> None:
+    """g sin(theta) against ax along the path, g sin(phi) against ny across it."""
+    channels = ("alpha", "theta", "airspeed", "ax", "az", "p", "phi")
+    tilted = Faults(bias={"theta": 0.02, "ax": 0.02 * 9.80665})
+    found = compatibility([shown(fly(), channels, tilted, 1)], SETTINGS)
+    assert set(found.relations) == {"airspeed", "phi"} and leaders(found) == {}
+    assert any("bias:ax" in line and "bias:theta" in line and "only combinations" in line for line in found.cannot_tell)
+    leaning = compatibility([shown(fly(), LATERAL, Faults(bias={"phi": 0.03, "ny": -0.03}), 1)], SETTINGS)
+    assert leaders(leaning) == {} and "bias:ny and bias:phi: only combinations of them show" in leaning.cannot_tell
+
+
+def test_a_delay_of_all_channels_alike_is_invisible_and_said_to_be() -> None:
+    found = compatibility([shown(fly(), LATERAL, Faults(delay=dict.fromkeys(LATERAL, 0.08)), 1)], SETTINGS)
+    assert leaders(found) == {}
+    assert "a delay common to beta, p, r, ny and phi leaves no trace: only relative timing shows" in found.cannot_tell
 
 
 def test_without_an_airspeed_flow_angles_are_left_out_and_said_to_be() -> None:
@@ -143,6 +163,15 @@ def test_channels_that_close_nothing_leave_a_longitudinal_check_as_it_is() -> No
     more = replace(more, inputs=(*more.inputs, Channel.of("aileron", "rad", np.sin(plain.time))))
     one, two = compatibility([plain], SETTINGS), compatibility([more], SETTINGS)
     assert one.joint.estimates == two.joint.estimates and one.cannot_tell == two.cannot_tell
+
+
+def test_an_attitude_near_the_vertical_is_refused_and_a_short_record_ends_well() -> None:
+    whole = shown(fly(), WHOLE, Faults(), 1)
+    with pytest.raises(RecordError, match="near the vertical"):
+        compatibility([shown(fly(), (*LATERAL, "theta"), Faults(bias={"theta": 1.4}), 1)], SETTINGS)
+    short = compatibility([whole.window(0.0, 0.8)], SETTINGS)
+    assert leaders(short) == {} and all(np.isfinite([item.smoother.value, item.smoother.std, item.gain]).all() for item in short.joint.estimates)
+    assert shortened.cache_info().currsize == 0, "what was made for this check is not kept after it"
 
 
 def test_exact_and_constant_data_end_well() -> None:
