@@ -23,7 +23,7 @@ def test_without_jsbsim_one_line_says_what_to_install(flightid: CommandLine, mon
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ("aircraft=738", ("key aircraft", "no aircraft '738'", "737")),
+        ("aircraft=738", ("key aircraft", "no aircraft '738'", "did you mean")),
         ("aircraft=c172y", ("key aircraft", "no aircraft 'c172y'", "c172x")),
         ("aircraft=ball", ("key altitude", "no usual altitude is known of ball")),
         ("axis=sideways", ("key axis", "no axis 'sideways'", "lateral")),
