@@ -25,7 +25,7 @@ class _Jsbsim(BaseModel):
     title: Annotated[str, Field(min_length=1)]
     about: str = ""
     seed: int = Field(default=1, ge=0)
-    aircraft: Annotated[str, Field(min_length=1)]
+    aircraft: Annotated[str, Field(min_length=1)] | int  # there is a 737
     altitude: Quantity | None = None
     airspeed: Quantity | None = None
     axis: str
@@ -50,7 +50,8 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     DeclarationError : an unknown or missing key, name, unit or value, JSBSim not installed: one line with file and key.
     """
     content = checked(_Jsbsim, document, where)
-    known_aircraft(content.aircraft, f"{where}, key aircraft")
+    aircraft = str(content.aircraft)
+    known_aircraft(aircraft, f"{where}, key aircraft")
     _one_of(content.axis, tuple(CONTROLS), "axis", where)
     _one_of(content.maneuver, MANEUVERS, "maneuver", where)
     duration = DURATIONS[content.axis] if content.duration is None else si(content.duration, "s", f"{where}, key duration")
@@ -64,7 +65,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
         name,
         content.title,
         " ".join(content.about.split()),
-        content.aircraft,
+        aircraft,
         altitude,
         airspeed,
         content.axis,
@@ -85,7 +86,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
 
 def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
     """Altitude and airspeed as given, else those of the aircraft."""
-    own = CONDITIONS.get(content.aircraft)
+    own = CONDITIONS.get(str(content.aircraft))
     found = []
     for place, (key, unit, value) in enumerate((("altitude", "m", content.altitude), ("airspeed", "m/s", content.airspeed))):
         if value is None and own is None:

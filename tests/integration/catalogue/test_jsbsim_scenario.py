@@ -8,14 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.trials.jsbsim import aircraft
 from tests.integration.command_line import CommandLine
 
 needs_jsbsim = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed (pip install 'flightid[jsbsim]')")
 
 
 def test_without_jsbsim_one_line_says_what_to_install(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(aircraft.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert "JSBSim is not installed" in flightid.refused("simulate", "jsbsim", "--out", "x.csv")
     assert "pip install 'flightid[jsbsim]'" in flightid.refused("simulate", "jsbsim", "--out", "x.csv")
 
@@ -24,6 +23,7 @@ def test_without_jsbsim_one_line_says_what_to_install(flightid: CommandLine, mon
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ("aircraft=738", ("key aircraft", "no aircraft '738'", "did you mean")),
         ("aircraft=c172y", ("key aircraft", "no aircraft 'c172y'", "c172x")),
         ("aircraft=ball", ("key altitude", "no usual altitude is known of ball")),
         ("axis=sideways", ("key axis", "no axis 'sideways'", "lateral")),
