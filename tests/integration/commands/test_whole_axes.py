@@ -114,9 +114,9 @@ def test_files_and_methods_that_do_not_fit(flightid: CommandLine, tmp_path: Path
         paths[folder.name] = write_flown(folder, folder.name, records[folder.name])
     wrong = flightid.refused("identify", paths["lateral"], "--model", "lateral", "--vehicle", longitudinal / "vehicle.toml")
     assert "vehicle.toml, key derivatives.CD_0: there is no such key" in wrong
-    wrong = ("identify", paths["lateral"], "--model", "lateral", "--vehicle", lateral / "vehicle.toml")
-    assert "--class: there is no class 'V'; use I, II, III or IV" in flightid.refused(*wrong, "--class", "V")
-    assert "name a file that ends in .json, .mat, .npz" in flightid.refused(*wrong, "--state-space", lateral / "plant.txt")
+    asked = ("identify", paths["lateral"], "--model", "lateral", "--vehicle", lateral / "vehicle.toml")
+    assert "--class: there is no class 'V'; use I, II, III or IV" in flightid.refused(*asked, "--class", "V")
+    assert "name a file that ends in .json, .mat, .npz" in flightid.refused(*asked, "--state-space", lateral / "plant.txt")
     assert "vehicle.toml, key derivatives.CY_beta: there is no such key" in flightid.refused("diagnose", paths["lateral"], "--model", "rigid")
     (lateral / "vehicle.toml").write_text((lateral / "vehicle.toml").read_text().split("[derivatives]")[0] + "[derivatives]\n")
     assert "no derivative is given; give where the search starts" in flightid.refused("diagnose", paths["lateral"], "--model", "lateral")

@@ -74,12 +74,14 @@ def test_a_later_pass_that_breaks_down_leaves_the_first() -> None:
     assert hopeless.outcome is not Outcome.CONVERGED and np.all(np.isfinite(hopeless.values))
 
 
-def test_the_zeros_of_all_sensors_may_be_open() -> None:
-    """Totals of a whole longitudinal motion, every third sample: the plain filter's points reach over the priors of all zeros together."""
-    record = flown("longitudinal", 5)
+def every_third(record: Record) -> Record:
     inputs, outputs = (tuple(replace(c, values=c.values[::3], valid=c.valid[::3]) for c in group) for group in (record.inputs, record.outputs))
-    thin = Record(record.time[::3], inputs, outputs, Hold.LINEAR, record.name)
-    found = identify(thin, vehicle_file("longitudinal", 0.8), "ukf")
+    return Record(record.time[::3], inputs, outputs, Hold.LINEAR, record.name)
+
+
+def test_the_zeros_of_all_sensors_may_be_open() -> None:
+    """Totals of a whole longitudinal motion: the plain filter's points reach over the priors of all zeros together."""
+    found = identify(every_third(flown("longitudinal", 5)), vehicle_file("longitudinal", 0.8), "ukf")
     assert found.estimate.outcome is Outcome.CONVERGED
     off = {row.name: (row.estimate - TRUE["longitudinal"][row.name]) / row.std for row in found.rows if row.name in TRUE["longitudinal"]}
     assert len(off) == 9 and max(map(abs, off.values())) < 3.5, off
