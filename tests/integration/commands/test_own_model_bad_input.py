@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
+from scenarios import cli
 from tests.integration.command_line import CommandLine, contents
 from tests.own_models import SPRING
 
@@ -141,7 +144,14 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "trace.toml").write_text(TRACE)
     (tmp_path / FILE).write_text(SPRING)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "app", parser())
     return tmp_path
+
+
+@cache
+def parser() -> object:
+    """The command line's parser, made once for all calls of this file: that takes longer than a refusal."""
+    return get_command(cli.app)
 
 
 @pytest.mark.parametrize("case", FILES)

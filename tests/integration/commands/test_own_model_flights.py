@@ -177,25 +177,29 @@ def test_a_campaign_says_what_its_estimates_say(flightid: CommandLine, tmp_path:
 
 def test_a_bank_of_filters_is_one_filter_after_the_other(tmp_path: Path) -> None:
     """Where a force is measured in an acceleration, the input acts on an output with no parameter before it."""
-    asked = ["estimate.method=ekf", "estimate.passes=2"]
+    asked = ["estimate.method=ekf", "estimate.passes=1"]
     path = str(model_file(tmp_path, SPRING))
     scenario = scenario_of(with_changes(study_document(OwnFlight(path)), asked), "spring", path)
-    campaign = fly_campaign(scenario, 3, 5)
+    campaign = fly_campaign(scenario, 2, 5)
     for run, seed in enumerate(campaign.seeds):
         alone = run_scenario(scenario, seed).main.result.estimate
         np.testing.assert_allclose(campaign.values[:, run], alone.values, rtol=1e-9)
         np.testing.assert_allclose(campaign.std[:, run], alone.std, rtol=1e-7)
 
 
-def test_a_scenario_finds_the_truth_and_a_late_sensor(flightid: CommandLine, tmp_path: Path) -> None:
-    printed = flightid.done("run", "own-model", "trace-own-model", "--out", tmp_path, "--no-figures")
-    found = json.loads((tmp_path / "own-model" / "comparison.json").read_text())
+def test_a_scenario_finds_the_truth(flightid: CommandLine, tmp_path: Path) -> None:
+    flightid.done("run", "own-model", "--out", tmp_path, "--no-figures", "--set", "flight.duration=5 s")
+    found = json.loads((tmp_path / "comparison.json").read_text())
     assert found["inputs"]["models"] == ["own_model.py"] and set(found["methods"]) == {"filter"}
     for method in (found, found["methods"]["filter"]):
         assert {name: row["true"] for name, row in method["parameters"].items()} == {"stiffness": 400.0, "damping": 12.0}
         assert all(abs(row["error_sigmas"]) < 3.0 and abs(row["error_percent"]) < 1.0 for row in method["parameters"].values())
-    assert "the diagnosis is right" in printed
-    traced = json.loads((tmp_path / "trace-own-model" / "comparison.json").read_text())
+
+
+@pytest.mark.slow  # as test_own_model_commands.py, which traces one in each run
+def test_a_scenario_finds_a_late_sensor(flightid: CommandLine, tmp_path: Path) -> None:
+    assert "the diagnosis is right" in flightid.done("run", "trace-own-model", "--out", tmp_path, "--no-figures")
+    traced = json.loads((tmp_path / "comparison.json").read_text())
     assert abs(traced["parameters"]["sensor-delay:deflection.delay"]["error_sigmas"]) < 3.0 and traced["grade"] == "right"
 
 
@@ -214,8 +218,9 @@ def test_an_own_model_is_fitted_to_a_built_in_vehicle(flightid: CommandLine, tmp
     model_file(tmp_path, text)
     mine = scenario_text("rigid").replace('model = "rigid"', 'model = "my_model.py"')
     (tmp_path / "mine.toml").write_text(mine)
-    flightid.done("run", tmp_path / "mine.toml", "--out", tmp_path / "own", "--no-figures")
-    flightid.done("run", "rigid", "--out", tmp_path / "rigid", "--no-figures")
+    shorter = ("--no-figures", "--set", "flight.duration=3 s", "--set", "flight.rate=50", "--set", "flight.step=5 ms")
+    flightid.done("run", tmp_path / "mine.toml", "--out", tmp_path / "own", *shorter)
+    flightid.done("run", "rigid", "--out", tmp_path / "rigid", *shorter)
     own, rigid = (json.loads((tmp_path / name / "comparison.json").read_text())["parameters"] for name in ("own", "rigid"))
     assert own.keys() == rigid.keys()
     assert all(own[name]["estimate"] == pytest.approx(rigid[name]["estimate"], rel=1e-9) for name in rigid)
