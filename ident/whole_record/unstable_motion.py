@@ -29,6 +29,7 @@ GROWN = 3.0  # e-foldings along a record from which a motion is met in parts: be
 _FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
 _ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
 _STEEPEST = 1e8  # damping from which no descent is left
+_OWN_STEPS, _OWN_GAIN = 12, 0.1  # to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step of all
 
 
 def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
@@ -179,7 +180,7 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         begun = evaluate(problem, layout.start, layout.guesses(layout.start))
     if begun is None:
         return None
-    fit = _settled(begun, _projected(begun))
+    fit = _settled(begun)
     left, damping, done, outcome = _projected(fit), 1e-4, 0, Outcome.MAX_ITERATIONS
     model = _model(fit, left)
     while done < limit and not arrived(model, fit.theta[:n], settings):
@@ -187,7 +188,7 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         step = left.own_steps(fit, model.scale * model.step(damping))
         theta = np.clip(fit.theta + step, layout.low, layout.high)
         trial = evaluate(problem, theta, carried(fit, theta))
-        trial = None if trial is None else _settled(trial, _projected(trial))
+        trial = None if trial is None else _settled(trial)
         if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             fit, damping = trial, max(damping / 10.0, 1e-12)
             left = _projected(fit)
@@ -205,9 +206,15 @@ def _model(fit: Fit, left: _Projected) -> LocalModel:
     return local_model(left.information, left.gradient, fit.theta[:n], fit.layout.low[:n], fit.layout.high[:n])
 
 
-def _settled(fit: Fit, left: _Projected) -> Fit:
-    """The same shared parameters with the own unknowns of each record at their best, where that lowers the cost."""
-    step = left.own_steps(fit, np.zeros(len(fit.layout.shared)))
-    theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
-    moved = evaluate(fit.problem, theta, carried(fit, theta))
-    return moved if moved is not None and moved.cost < fit.cost else fit
+def _settled(fit: Fit) -> Fit:
+    """The same shared parameters with the own unknowns of each record at their best: one step where the motion is linear, a few where it is not."""
+    for _ in range(_OWN_STEPS):
+        step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
+        theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
+        moved = evaluate(fit.problem, theta, carried(fit, theta))
+        if moved is None or moved.cost >= fit.cost:
+            break
+        gain, fit = fit.cost - moved.cost, moved
+        if gain < _OWN_GAIN:
+            break
+    return fit
