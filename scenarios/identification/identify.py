@@ -74,14 +74,10 @@ def identify(
     _refuse([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
         return _low_order(record, vehicle, held_out)
-    model = model or model_of_file(vehicle)
-    own, said = vehicle.own is not None, ""
-    if not own and not uses_attitude(vehicle, method):
-        model, every = without_theta(model, [*records, *held_out])
-        records, held_out = every[: len(records)], every[len(records) :]
+    model, every = _as_fitted(vehicle, method, model or model_of_file(vehicle), [*records, *held_out])
+    records, held_out = every[: len(records)], every[len(records) :]
     outputs = [signal.name for signal in model.equations.outputs if any(signal.name in each.output_names for each in records)]
-    if not own:
-        model, said = weighed(model, records, outputs)
+    model, said = weighed(model, records, outputs) if vehicle.own is None else (model, "")
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
     # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
@@ -112,6 +108,12 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
     )
+
+
+def _as_fitted(vehicle: VehicleFile, method: str, model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
+    """Model and records, less a pitch attitude that the method cannot use."""
+    unused = vehicle.own is None and not uses_attitude(vehicle, method)
+    return without_theta(model, records) if unused else (model, list(records))
 
 
 def _derived(vehicle: VehicleFile, model: Model, system: System, estimate: Estimate) -> dict[str, tuple[float, float]]:

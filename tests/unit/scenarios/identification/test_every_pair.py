@@ -24,7 +24,11 @@ QUICK = ("output-error", "frequency-domain")
 COVERED = ("lateral", "longitudinal")  # by tests/unit/scenarios/identification/test_whole_axes.py, in the default suite
 DEAR = ("flexible",)
 PAIRS = [(model, method) for model in MODELS for method in METHODS]
-SERVED = [pytest.param(*pair, marks=() if pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR) else pytest.mark.slow) for pair in PAIRS if pair not in REFUSED]
+SERVED = [
+    pytest.param(*pair, marks=() if pair[1] in QUICK and pair[0] not in (*COVERED, *DEAR) else pytest.mark.slow)
+    for pair in PAIRS
+    if pair not in REFUSED
+]
 
 
 @pytest.mark.parametrize(("model", "method"), SERVED)
