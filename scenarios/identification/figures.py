@@ -31,7 +31,9 @@ def draw_identification(found: Identification, measured: Record, folder: Path) -
     if found.band is not None and found.fits[0].figures is not None:
         save_figure(figure_spectra(found.fits[0], noise, found.band, title), folder, "spectra")
     if estimate.history is not None:
-        save_figure(figure_parameter_histories(estimate.history, estimate.names, estimate.units, title=title), folder, "parameters")
+        followed = [(name, unit) for name, unit in zip(estimate.names, estimate.units, strict=True) if name in estimate.history.names]
+        names, kinds = zip(*followed, strict=True)  # a delay that a bank found has no history
+        save_figure(figure_parameter_histories(estimate.history, names, kinds, title=title), folder, "parameters")
         units = units_of(found.record, estimate.output_names)
         save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, "innovations")
     if len(estimate.names) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scenarios.files.constraints import Constraints
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
 from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
+from scenarios.identification.figures import draw_identification
 from scenarios.identification.identify import identify
 from scenarios.identification.result import Options
 from sim.declaration.ties import Tie
@@ -118,3 +120,16 @@ def test_records_held_out_are_simulated_with_what_was_found() -> None:
     table = fit_lines(found.fits)
     assert len(table) == 2 + 2 * 4 and "held out" in table[-1] and "spoiled" in table[-1]
     assert [each["held_out"] for each in fits_content(found.fits)["records_fitted"]] == [False, False, True, True]
+
+
+@pytest.mark.slow
+def test_figures_of_a_bank_and_of_every_record(tmp_path: Path) -> None:
+    """A delay that a bank of filters found has no history to be drawn; each record has its figure, a fit in the frequency domain its spectra."""
+    loes, own = case_of("loes"), case_of("own", 4)
+    for folder in ("bank", "own"):
+        (tmp_path / folder).mkdir()
+    draw_identification(identify(loes.record, loes.vehicle, "ekf", held_out=[case_of("loes", 1).record]), loes.record, tmp_path / "bank")
+    found = identify(own.record, own.vehicle, "frequency-domain", [case_of("own", 5).record], held_out=[case_of("own", 6).record])
+    draw_identification(found, own.record, tmp_path / "own")
+    assert {path.stem for path in (tmp_path / "bank").iterdir()} == {"record", "fit", "held_out", "parameters", "innovations", "correlation"}
+    assert {path.stem for path in (tmp_path / "own").iterdir()} == {"record", "fit", "fit_2", "held_out", "spectra", "correlation"}
