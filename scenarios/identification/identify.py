@@ -159,7 +159,7 @@ def _intervals(
     if options.profile is None:
         return ()
     calm = compile_model(model, outputs)
-    system = compile_model(forced(model), outputs) if estimate.method == "filter-error" else calm
+    system = compile_model(forced(model, records), outputs) if estimate.method == "filter-error" else calm
     return profiled(estimate, records, system, settings, options.profile, calm=calm, local=[PATH], delays=delays_of(model), band=options.band)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
-from scenarios.files.own_models import is_own
+from scenarios.files.own_models import inputs_at_rest, is_own
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.intervals import refuse_profile
 from scenarios.identification.frequency import METHOD as FREQUENCY
@@ -31,6 +31,8 @@ BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
 BEGINNING = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
+FORCED = 0.1  # of a state's scatter, by which white noise moves it in a second where the fit begins
+ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
 LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
@@ -85,7 +87,7 @@ def estimated_by(
     if method == "filter-error":
         from ident.process_noise.filter_error import fit_filter_error
 
-        return system, fit_filter_error(records, compile_model(forced(model), outputs), settings, calm=system, local=[PATH])
+        return system, fit_filter_error(records, compile_model(forced(model, records), outputs), settings, calm=system, local=[PATH])
     fit = fit_output_error(records, system, settings, local=[PATH])
     if method not in FILTERS:
         return system, fit
@@ -98,15 +100,20 @@ def estimated_by(
     return system, run_iterated_ukf(record, system, first=compile_model(_for_points(ready), outputs, online=True))
 
 
-def forced(model: Model) -> Model:
-    """The model with what filter error estimates besides: turbulence where gusts act, white noise on the acceleration of a falling body.
+def forced(model: Model, records: Sequence[Record] = ()) -> Model:
+    """The model with what filter error estimates besides the derivatives.
+
+    Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own model white noise on each state whose rate
+    has a free parameter, in proportion to what ``records`` show of that state; a common factor on its standard deviation is estimated.
 
     Raises
     ------
-    DeclarationError : equations on which neither is known to act.
+    DeclarationError : built-in equations on which neither is known to act.
     """
     from sim.effects.library import effects_for
 
+    if is_own(model):
+        return model.with_noise(replace(model.noise, process_density={name: _density(name, records) for name in _driven_states(model)}))
     rough = next((effect for effect in effects_for(model.equations) if effect.name == TURBULENCE), None)
     if rough is not None:
         return model.with_effects(rough)
@@ -114,6 +121,28 @@ def forced(model: Model) -> Model:
         what = f"the {model.equations.name} model has no turbulence that filter-error could estimate"
         raise DeclarationError(what, where="--method", remedy="use output-error, ekf, ukf or equation-error")
     return model.with_noise(replace(model.noise, process_density={"velocity": ACCELERATION_DENSITY}))
+
+
+def _driven_states(model: Model) -> list[str]:
+    """States whose rate moves with a free parameter: a rate that is another state is known, and nothing forces it."""
+    system = compile_model(model)
+    rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + ASIDE
+    x, u = rest[: len(system.states)].tolist(), rest[len(system.states) :].tolist()
+    p = system.parameters.values()
+    moved: set[str] = set()
+    for name in system.parameters.free_names:
+        other = p.copy()
+        other[system.parameters.index(name)] += ASIDE * max(1.0, abs(other[system.parameters.index(name)]))
+        rates = zip(system.f(0.0, x, u, p.tolist()), system.f(0.0, x, u, other.tolist()), system.state_names, strict=True)
+        moved |= {state for one, two, state in rates if one != two}
+    return [name for name in system.state_names if name in moved]
+
+
+def _density(state: str, records: Sequence[Record]) -> float:
+    """Spectral density, unit^2/s, that moves a state by a tenth of its recorded scatter in a second; of one that is not recorded .1 of its unit."""
+    channels = [record[state] for record in records if state in record.output_names]
+    scatter = max((float(np.std(channel.values[channel.valid])) for channel in channels), default=0.0)
+    return (FORCED * (scatter or 1.0)) ** 2
 
 
 def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate) -> Model:

@@ -16,10 +16,9 @@ REFUSED = {
     ("loes", "equation-error"): "output alpha shows more than state alpha; .* use output-error",
     ("ballistic", "frequency-domain"): "it has no input, to which a frequency response could be; use output-error",
     ("longitudinal", "frequency-domain"): "the rate of airspeed is no linear function of states and inputs: .*; use output-error",
-    ("own", "filter-error"): "the roll model has no turbulence that filter-error could estimate; use output-error",
 }
 # Still air has no process noise: its size ends at nothing, which no record determines; the rest of the estimate is sound and the caution says so.
-NOTHING_TO_FIND = {("ballistic", "filter-error")}
+NOTHING_TO_FIND = {("ballistic", "filter-error"), ("own", "filter-error")}
 QUICK = ("output-error", "frequency-domain")
 COVERED = ("lateral", "longitudinal")  # by tests/unit/scenarios/identification/test_whole_axes.py, in the default suite
 DEAR = ("flexible",)
@@ -36,7 +35,7 @@ def test_a_method_that_serves_finds_the_truth(model: str, method: str) -> None:
     case = case_of(model)
     found = identify(case.record, case.vehicle, method)
     if (model, method) in NOTHING_TO_FIND:
-        assert found.estimate.outcome is Outcome.NOT_IDENTIFIABLE and found.cautions
+        assert found.estimate.outcome in (Outcome.NOT_IDENTIFIABLE, Outcome.MAX_ITERATIONS) and found.cautions
     else:
         assert found.estimate.outcome is Outcome.CONVERGED, found.estimate.outcome
     off = {row.name: (row.estimate - case.true[row.name]) / row.std for row in found.rows if row.name in case.true}
