@@ -34,7 +34,7 @@ LEVELS = replace(EVERY, noise_std=dict.fromkeys(MEASURED, 0.001))
 
 
 def short(causes: Causes = CALM, hidden: Hidden = NOTHING, **changes: Any) -> StandIn:
-    line = {"vehicles": ("navion_lateral",), "variation": 0.2, "records": (2, 2), "duration": 10.0, "rates": (25.0,), "step": 0.01}
+    line = {"vehicles": ("navion_lateral",), "variation": 0.2, "records": (1, 1), "duration": 8.0, "rates": (25.0,), "step": 0.02}
     more = {"maneuvers": ("3-2-1-1", "hand-flown"), "amplitude": (2.0 * DEGREE, 3.0 * DEGREE), "axis": LATERAL}
     return StandIn("short", "short", "", FlightLine(**{**line, **more, **changes}), causes, hidden, draws=0)
 
@@ -48,10 +48,10 @@ def records(plan: Drawn, *, noise: bool = False) -> list[Record]:
 
 
 def test_with_nothing_on_a_record_is_the_plain_flight() -> None:
-    plan = drawn()
+    plan = drawn(records=(2, 2), step=0.01)
     for number, record in enumerate(records(plan)):
         moves = {name: plan.moves(name)[number] for name in ("rudder", "aileron")}
-        plain, _ = fly(plan.declared, moves, sample_times(25.0, 10.0), np.random.default_rng(0), step=0.01)
+        plain, _ = fly(plan.declared, moves, sample_times(25.0, 8.0), np.random.default_rng(0), step=0.01)
         for name in MEASURED:
             np.testing.assert_allclose(record[name].values, plain[name].values, rtol=0.0, atol=1e-15, err_msg=name)
         assert np.ptp(record["beta"].values) > 1.0 * DEGREE and np.ptp(record["p"].values) > 2.0 * DEGREE
@@ -70,14 +70,19 @@ def test_every_level_changes_the_records(level: str) -> None:
     assert 1e-6 < most < 0.1, level
 
 
-@pytest.mark.parametrize("name", list(LATERAL_KINDS))
+# A few always, all of them with the slow ones.
+ALWAYS = ("input-delay:rudder", "input-backlash:aileron", "elastic-mode", "vane-offset", "gust-discrete")
+EACH = [pytest.param(name, marks=() if name in ALWAYS else pytest.mark.slow) for name in LATERAL_KINDS]
+
+
+@pytest.mark.parametrize("name", EACH)
 def test_every_hidden_effect_shows_and_vanishes_with_its_size(name: str) -> None:
-    plan = drawn(step=0.02)
+    plan = drawn()
     plain, at = records(plan), LATERAL_KINDS[name](plan, np.random.default_rng(1))
     effect = find_effect(name, plan.model.equations)
 
     def change(size: float) -> float:
-        changed = records(hiding(plan, (Dominant(effect, at(size), (0, 1)),)))
+        changed = records(hiding(plan, (Dominant(effect, at(size), (0,)),)))
         pairs = [(a[c].values, b[c].values) for a, b in zip(changed, plain, strict=True) for c in MEASURED]
         return max(float(np.max(np.abs(a - b)) / np.ptp(b)) for a, b in pairs)
 
@@ -116,12 +121,15 @@ def test_the_files_hold_no_truth(tmp_path: Path) -> None:
         assert f"{name} = {float(value)!r}\n" in vehicle.read_text()
 
 
+@pytest.mark.slow
 def test_the_dominant_effect_is_drawn_by_name_and_size() -> None:
-    plan = draw_dominant(drawn(LEVELS, duration=8.0, step=0.02), np.random.default_rng(1))
-    assert plan.hidden == ()
-    asked = short(LEVELS, Hidden(1, ("sensor-delay:r",)), step=0.02)
+    asked = short(LEVELS, Hidden(1, ("sensor-delay:r",)), records=(2, 2), duration=10.0)
     (found,) = draw_dominant(draw_lateral(asked, np.random.default_rng(5)), np.random.default_rng(1)).hidden
     assert found.name == "sensor-delay:r" and 0.02 < found.values["delay"] < 0.3 and found.records == (0, 1)
+
+
+def test_nothing_is_hidden_that_is_not_asked_for_or_is_of_the_other_axis() -> None:
+    assert draw_dominant(drawn(), np.random.default_rng(1)).hidden == ()
     with pytest.raises(DeclarationError, match="'input-delay' cannot be hidden"):
         draw_dominant(draw_lateral(short(CALM, Hidden(1, ("input-delay",))), np.random.default_rng(5)), np.random.default_rng(1))
 
