@@ -46,7 +46,8 @@ def fly_with_feedback(
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a simulation that diverges.
+    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a simulation that
+        diverges.
     """
     system = compile_model(model, outputs)
     loop = _Loop(system, model, maneuvers, gains)
@@ -134,7 +135,15 @@ class _Loop:
 
 
 def _carried(
-    loop: _Loop, method: Step, x: list[Any], u: list[float], begin: float, span: float, step: float, densities: Sequence[float], rng: np.random.Generator
+    loop: _Loop,
+    method: Step,
+    x: list[Any],
+    u: list[float],
+    begin: float,
+    span: float,
+    step: float,
+    densities: Sequence[float],
+    rng: np.random.Generator,
 ) -> list[Any]:
     """States a sample later under held inputs; ``densities`` force them after each sub-step, variance density times its length."""
     p, count = loop.system.parameters.values().tolist(), max(1, int(np.ceil(span / step - 1e-9)))
