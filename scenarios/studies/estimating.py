@@ -131,7 +131,8 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
         estimate = fit_output_error([record], system, FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors))
     elif estimation.method == "filter-error":
-        from ident.process_noise.filter_error import FitSettings, fit_filter_error
+        from ident.process_noise.filter_error import fit_filter_error
+        from ident.whole_record.layout import FitSettings
 
         settings = FitSettings(max_step=min(FIT_STEP, estimation.max_step), use_priors=estimation.use_priors)
         calm = compiled(estimation, model.with_noise(replace(model.noise, process_density={})))
