@@ -92,6 +92,8 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "`[estimate]`": schema._Estimate,
     "`[estimate.start]` and `[estimate.initial]`": schema._Spread,
     "`published`": schema._Published,
+    "`[repeated]`": schema._Repeated,
+    "`[[repeated.flights]]`": schema._Variation,
 }
 
 
