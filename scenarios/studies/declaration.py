@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from scenarios.files.sources import InputFile
-from sim.declaration.model import Model
+if TYPE_CHECKING:  # scenarios are listed before NumPy is loaded
+    from scenarios.files.sources import InputFile
+    from sim.declaration.model import Model
 
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 
