@@ -49,10 +49,10 @@ def as_installed(bytecode: Path) -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": str(bytecode)}
 
 
-def diagnosed(files: tuple[list[Path], Path, Path], folder: Path, runs: int) -> tuple[float, float, dict[str, float]]:
+def diagnosed(files: tuple[list[Path], Path, Path], folder: Path, runs: int, model: str = "rigid") -> tuple[float, float, dict[str, float]]:
     """Median wall and processor seconds, and seconds of each step in the last run."""
     train, validate, vehicle = files
-    command = [sys.executable, "-m", "scenarios", "diagnose", *map(str, train), "--model", "rigid"]
+    command = [sys.executable, "-m", "scenarios", "diagnose", *map(str, train), "--model", model]
     command += ["--vehicle", str(vehicle), "--validate", str(validate), "--out", "out"]
     environment = as_installed(folder.parent / "bytecode")
     walls, processors, steps = [], [], {}

@@ -50,7 +50,8 @@ class GustDiscrete:
         "design gust. The air then comes from below by w/V more than the motion tells, in CL, in Cm and in the vane's reading, while the angle of "
         "attack as a state only follows. The vane jumps ahead of the pitch rate, which no control input can do. The length of the gust in the air "
         "is V times its duration. A second form keeps the peak after half the duration: the aircraft has flown into air that rises for good. "
-        "Either has a freer form, with three shapes more: gusts that begin with a kink, rise faster than they fall, or are flat on top."
+        "Either has a freer form, with three shapes more: gusts that begin with a kink, rise faster than they fall, or are flat on top. "
+        "On the lateral model the air comes from the right: sideslip, side force, roll and yaw stand where angle of attack, lift and pitch do here."
     )
 
     @property

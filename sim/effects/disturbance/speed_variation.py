@@ -48,7 +48,8 @@ class SpeedVariation:
         "V, so the short period becomes faster along the record and the load factor per angle of attack larger, while a model with one speed fits "
         "the middle of the record best and errs at both ends with opposite sign. The lift that carries the weight grows with V^2, too: unless "
         "something that is not recorded keeps the aircraft in trim, nz and the angle of attack drift away together, nz by (V(t)/V)^2 - 1. A "
-        "measured airspeed settles the matter; without one it takes maneuvers both early and late in the record."
+        "measured airspeed settles the matter; without one it takes maneuvers both early and late in the record. "
+        "On the lateral model, only pressure, damping and the turn under gravity change: the Dutch roll becomes faster."
     )
 
     @property

@@ -48,6 +48,7 @@ def test_a_late_vane_is_told_and_degrees_are_refused(tmp_path: Path) -> None:
     assert degrees.graded.grade is Grade.NOTICED, degrees
 
 
+@pytest.mark.slow
 def test_a_light_aircraft_at_ten_samples_a_second_is_not_refused(tmp_path: Path) -> None:
     """Its motion changes within three samples: a control that works the other way half a period later explains them as well."""
     (sound,) = outcomes_of([write_case(tmp_path, Case("trainer", "nothing", "small"), Recording(10.0), SEED)], tmp_path / "studies")

@@ -63,6 +63,7 @@ def test_a_folder_is_what_the_examiner_grades(tmp_path: Path) -> None:
     assert graded([fault_of(known)], answer("traced", "sensor-step:q")).grade is Grade.FALSE
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_records(tmp_path: Path) -> None:
     case = Case("vortex-wake", "small", "trainer")
     for name in ("one", "two"):

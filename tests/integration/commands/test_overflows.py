@@ -43,7 +43,7 @@ def diagnosed(flightid: CommandLine, model: str, record: Path, vehicle: Path, ou
 @pytest.fixture
 def table(tmp_path: Path) -> np.ndarray:
     """Time, elevator, alpha, q, nz of a jet, 25 samples a second."""
-    return np.loadtxt(recorded(tmp_path / "flight.csv", Hidden()), delimiter=",", skiprows=1)[:400]
+    return np.loadtxt(recorded(tmp_path / "flight.csv", Hidden()), delimiter=",", skiprows=1)[:220]
 
 
 def written(path: Path, table: np.ndarray, control: str = "elevator") -> Path:

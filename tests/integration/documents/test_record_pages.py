@@ -69,7 +69,7 @@ def follow(page: str, folder: Path, flightid: CommandLine, capsys: pytest.Captur
 
 
 @present
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [PAGES[0], pytest.param(PAGES[1], marks=pytest.mark.slow)])
 def test_what_the_program_says(page: str, folder: Path, flightid: CommandLine, capsys: pytest.CaptureFixture[str]) -> None:
     assert follow(page, folder, flightid, capsys, slow=False) >= 8
 

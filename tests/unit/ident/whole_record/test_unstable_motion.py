@@ -46,7 +46,7 @@ def test_growth_is_that_of_the_fastest_root() -> None:
     assert growth(stable) == 0.0 and quiet(stable) and not runs_away(stable)
 
 
-@pytest.mark.parametrize("size", [0.03, 0.003])
+@pytest.mark.parametrize("size", [pytest.param(0.03, marks=pytest.mark.slow), 0.003])
 def test_an_unstable_aircraft_is_found_from_starts_thirty_percent_off(size: float) -> None:
     """Levenberg-Marquardt in all unknowns from the same starts ends at its limit of sixty steps nearly always, far from the truth."""
     scores, steps, plain = [], [], []

@@ -109,7 +109,7 @@ def test_what_belongs_to_one_record_is_drawn_anew_and_what_belongs_to_the_vehicl
     assert exchange[0]["path"] != exchange[1]["path"] and exchange[0]["induced"] == exchange[1]["induced"]
 
 
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_paper_is_the_seeds_to_the_byte(seed: int, tmp_path: Path) -> None:
     written = []
     for name in ("one", "other"):

@@ -28,10 +28,10 @@ def without_time(text: str) -> list[dict]:
 
 def test_lines_are_the_same_for_any_number_of_workers(loop: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for jobs in (1, 2):
-        assert main(["20", "4", "--jobs", str(jobs), "--out", str(tmp_path / f"{jobs}.jsonl")]) == 0
+        assert main(["20", "2", "--jobs", str(jobs), "--out", str(tmp_path / f"{jobs}.jsonl")]) == 0
     one, two = ((tmp_path / f"{jobs}.jsonl").read_text() for jobs in (1, 2))
     assert without_time(one) == without_time(two)
-    assert [line["seed"] for line in without_time(one)] == [20, 21, 22, 23]
+    assert [line["seed"] for line in without_time(one)] == [20, 21]
     assert all(set(line) == KEYS | {"held_out_error", "errors_in_sigmas"} for line in without_time(one))
     assert "within 2 sigmas" in capsys.readouterr().out
 
@@ -57,6 +57,7 @@ def test_bad_numbers_are_refused(words: list[str], tmp_path: Path) -> None:
     assert fault.value.code == 2
 
 
+@pytest.mark.slow
 def test_a_paper_is_diagnosed_and_marked() -> None:
     mark, again = examine(31), examine(31)
     assert mark.seconds > 0.0 and mark.held_out > 0.0
