@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-
 if TYPE_CHECKING:  # scenarios are listed before NumPy is loaded
     from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.sources import InputFile
