@@ -47,12 +47,12 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     from sim.effects.library import guards_for
 
     refuse_unknown_model(request.model, "--model")
+    usual = settings_of(request.effort)
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
     vehicle = vehicle_path_of(request)
     progress("reading", 0.0)
     opened = opened_files(request, vehicle)
     posed = posed_for(opened, request.plan)
-    usual = settings_of(request.effort)
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
