@@ -207,9 +207,8 @@ def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> st
     """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is ``Cl_beta(p)``; empty where there is none."""
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
-    multiplied = _MULTIPLIED
-    back = next((other for suffix, other in known.items() if multiplied.get(suffix) == signal), "")
-    return name_of(back, multiplied[by]) if back and back != parameter and by in multiplied else ""
+    back = next((other for suffix, other in known.items() if _MULTIPLIED.get(suffix) == signal), "")
+    return name_of(back, _MULTIPLIED[by]) if back and back != parameter and by in _MULTIPLIED else ""
 
 
 def _usual(parameter: str) -> float:
