@@ -148,7 +148,7 @@ class Varies:
         return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
 
     def fitted_to(self, context: SearchContext) -> Varies:
-        """The same over the range that the records flew; a parameter that is larger than usual may change by more, and a guess gives way to its size."""
+        """The same over the range that the records flew; one that is larger than usual may change by more, and a guess gives way to its size."""
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
             low, high = self.low, self.high
