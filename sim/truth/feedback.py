@@ -62,7 +62,10 @@ def fly_with_feedback(
         u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x
         if k < N - 1:
-            x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
+            try:
+                x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
+            except (OverflowError, ZeroDivisionError):
+                x = [np.inf] * len(x)
         if not np.all(np.isfinite(x)):
             remedy = "shorten the flight or check the gains"
             raise ModelError(f"the simulation diverges at {t:.4g} s", where=f"model {model.name}", remedy=remedy)
