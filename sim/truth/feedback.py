@@ -46,8 +46,7 @@ def fly_with_feedback(
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a simulation that
-        diverges.
+    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a flight that diverges.
     """
     system = compile_model(model, outputs)
     loop = _Loop(system, model, maneuvers, gains)
@@ -62,10 +61,7 @@ def fly_with_feedback(
         u[:, k], clean[:, k] = loop.closed(t, x, noise[:, k], start)
         states[:, k] = x
         if k < N - 1:
-            try:
-                x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
-            except (OverflowError, ZeroDivisionError):
-                x = [np.inf] * len(x)
+            x = _carried(loop, method, x, u[:, k].tolist(), t, float(time[k + 1]) - t, step, forcing, rng)
         if not np.all(np.isfinite(x)):
             remedy = "shorten the flight or check the gains"
             raise ModelError(f"the simulation diverges at {t:.4g} s", where=f"model {model.name}", remedy=remedy)
@@ -148,11 +144,15 @@ def _carried(
     densities: Sequence[float],
     rng: np.random.Generator,
 ) -> list[Any]:
-    """States a sample later under held inputs; ``densities`` force them after each sub-step, variance density times its length."""
+    """States a sample later under held inputs, infinite where rates are not defined; ``densities`` force them after each sub-step, variance density
+    times its length."""
     p, count = loop.system.parameters.values().tolist(), max(1, int(np.ceil(span / step - 1e-9)))
     size = span / count
     for k in range(count):
-        x = [float(value) for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)]
+        try:
+            x = [float(value) for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)]
+        except (OverflowError, ZeroDivisionError):
+            return [np.inf] * len(x)
         for i, density in enumerate(densities):
             if density > 0:
                 x[i] += float(np.sqrt(density * size) * rng.standard_normal())
