@@ -41,7 +41,7 @@ def print_study(study: Study, out: Console | None = None) -> None:
 def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
-    title += f" {estimate.message}" if estimate.message else ""
+    title += f"; {estimate.message}" if estimate.message else ""
     rows = _with_display(study, method.rows)
     columns = [
         Column("parameter", [row.name for row in rows], left=True),
