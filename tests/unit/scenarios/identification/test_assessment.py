@@ -12,8 +12,8 @@ from ident.estimate import Outcome
 from scenarios.files.constraints import Constraints
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
-from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.assessment.prediction import RecordFit
+from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.figures import draw_identification, figure_spectra
 from scenarios.identification.identify import identify
 from scenarios.identification.result import Options
