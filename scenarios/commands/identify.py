@@ -56,7 +56,8 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     if matrices is not None:
-        refuse_place(matrices, [*request.records, *request.validate])
+        ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
+        refuse_place(matrices, [*request.records, *request.validate, *ours])
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
     vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)

@@ -103,16 +103,16 @@ def _mat(space: StateSpace) -> bytes:
 FORMATS: Mapping[str, Callable[[StateSpace], bytes]] = MappingProxyType({".json": _json, ".mat": _mat, ".npz": _npz})
 
 
-def refuse_place(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Raise DeclarationError for an ending that no format has, for a folder, and for one of the ``inputs`` or what stands beside a record."""
+def refuse_place(path: Path, kept: Iterable[Path] = ()) -> None:
+    """Raise DeclarationError for an ending that no format has, for a folder, and for one of the files ``kept`` or what stands beside a record."""
     where = f"--state-space, {path}"
     if path.suffix.lower() not in FORMATS:
         what = f"{path.suffix or 'no'} ending"
         raise DeclarationError(what, where=where, remedy=f"name a file that ends in {', '.join(FORMATS)}")
     if path.is_dir():
         raise DeclarationError("this is a folder", where=where, remedy="name a file")
-    if path.resolve() in {each.resolve() for given in inputs for each in (given, sidecar_path(given))}:
-        raise DeclarationError("the matrices would take the place of this file, which is read", where=where, remedy="name another file")
+    if path.resolve() in {each.resolve() for given in kept for each in (given, sidecar_path(given))}:
+        raise DeclarationError("the matrices would take the place of a record or of the study", where=where, remedy="name another file")
 
 
 def write_state_space(space: StateSpace, path: Path) -> None:

@@ -301,6 +301,10 @@ def test_a_wrong_scenario_of_an_own_model(flightid: CommandLine, place: Path, wr
         (("campaign", "--runs", "2"), "nothing is named; name a scenario"),
         (("simulate", "rigid", "--noise", "q=1", "--out", "new.csv"), "--noise: this goes with --model FILE.py; "),
         (("simulate", "--model", FILE, "--out", "new.txt"), "new.txt: .txt ending; "),
+        (
+            ("identify", "record.csv", "--model", FILE, "--out", "out", "--state-space", "out/comparison.json"),
+            "--state-space, out/comparison.json: the matrices would take the place of",
+        ),
         (("identify", "record.csv", "--model", FILE, "--class", "I"), "--class: spring-mass is no model of an aircraft"),
         (("diagnose", "record.csv", "--model", FILE, "--category", "A"), "--category: spring-mass is no model of an aircraft"),
         (("models", FILE, "--example"), "--example: a model is named as well, 'my_model.py'; "),

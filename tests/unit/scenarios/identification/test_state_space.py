@@ -92,7 +92,7 @@ def test_an_ending_that_no_format_has_is_refused() -> None:
 def test_what_is_read_is_not_written_over(tmp_path: Path, name: str) -> None:
     """Neither the record nor what stands beside it, whatever way there is named."""
     (tmp_path / "sub").mkdir()
-    with pytest.raises(DeclarationError, match="would take the place of this file, which is read"):
+    with pytest.raises(DeclarationError, match="would take the place of a record or of the study"):
         refuse_place(tmp_path / name, [tmp_path / "flight.mat"])
     refuse_place(tmp_path / "plant.json", [tmp_path / "flight.mat"])
     (tmp_path / "plant.mat").mkdir()
