@@ -13,12 +13,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 
-def problems() -> dict[str, object]:
+def problems() -> dict[str, Any]:
     """A search's problem by model."""
     from ident.tracing.candidate_model.problem import TraceProblem
     from ident.tracing.settings import TraceSettings

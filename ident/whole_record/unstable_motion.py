@@ -71,8 +71,14 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
     return None if found is None else replace(found, iterations=spent)
 
 
+def projectable(layout: FitLayout) -> bool:
+    """Whether there are shared parameters, and each prior is of one unknown by itself."""
+    tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(layout.prior.mean)
+    return bool(layout.shared) and not tied
+
+
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are counted, each on one unknown by itself."""
+    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are counted, if ``projectable``."""
     exact = replace(layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems))
     return _fit_part(exact, layout.settings.iterations, guesses)
 
@@ -139,10 +145,11 @@ def _projected(fit: Fit) -> _Projected:
     n = len(fit.layout.shared)
     information, gradient, jacobians, back = np.zeros((n, n)), np.zeros(n), [], []
     prior = fit.layout.prior
-    for k, position in enumerate([] if prior is None else prior.positions):
-        if prior is not None and position < n:
-            information[position, position] += prior.information[k, k]
-            gradient[position] += prior.information[k, k] * (prior.mean[k] - fit.theta[position])
+    if prior is not None:
+        known = np.flatnonzero(prior.positions < n)
+        at, block = prior.positions[known], prior.information[np.ix_(known, known)]
+        information[np.ix_(at, at)] += block
+        gradient[at] += block @ (prior.mean[known] - fit.theta[at])
     for r in range(len(fit.layout.problems)):
         J, residual = _weighted(fit, r)
         size = np.linalg.norm(J[:, n:], axis=0)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
-from scenarios.files.own_models import is_model_file
 from scenarios.studies.declaration import Scenario
 from sim.errors import DeclarationError
 
@@ -82,6 +81,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The document with users' model files that it names found in its own folder."""
+    from scenarios.files.own_models import is_model_file
 
     def found(table: Any, key: str) -> Any:
         named = table.get(key) if isinstance(table, dict) else None

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # scenarios are listed before NumPy is loaded
     from ident.flying_qualities.mode_levels import Flown
-
-from scenarios.files.sources import InputFile
-from sim.declaration.model import Model
+    from scenarios.files.sources import InputFile
+    from sim.declaration.model import Model
 
 EMPTY: Mapping[str, Any] = MappingProxyType({})
 

@@ -22,8 +22,8 @@ RESAMPLING_SEED = 1  # of the interval over all derivatives: the same runs give 
 class Scatter:
     """What one estimator made of one flight, flown N times.
 
-    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M runs that settled;
-    ``outcomes`` counts all N by code.
+    ``errors`` (estimate minus true) and ``std`` are ``(n, M)``, in the derivatives' units, of the M runs that settled; ``outcomes`` counts all N by
+    code.
     """
 
     flight: str

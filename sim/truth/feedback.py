@@ -46,8 +46,8 @@ def fly_with_feedback(
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift,
-        a simulation that diverges.
+    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a simulation that
+        diverges.
     """
     system = compile_model(model, outputs)
     loop = _Loop(system, model, maneuvers, gains)

@@ -342,7 +342,7 @@ def test_a_held_input_effect_may_stay_online(effect: Effect, base: str) -> None:
 
 def files() -> Iterator[str]:
     """Dotted names of the modules in the station folders, by file."""
-    for path in sorted((ROOT / "sim" / "effects").glob("*/*.py")):
+    for path in sorted((ROOT / "sim" / "effects").glob("*/**/*.py"), key=lambda path: path.stem):
         if path.stem != "__init__" and path.parent.name != "guards":
             yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
@@ -380,7 +380,7 @@ def test_guards_stand_apart_from_the_library() -> None:
     products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
     lateral = ("beta-rudder", "beta-aileron", "beta-p", "beta-r", "rudder-squared", "aileron-squared")
     labelled = ("damping-curve:p", "damping-curve:r", "drifting-derivatives:yaw", "drifting-derivatives:roll")
-    assert names == {f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "drag-drift", "vane-behind")}
+    assert names == {f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "control-drag", "drag-drift", "vane-behind")}
     assert names.isdisjoint(effect_names())
     assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
     assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))

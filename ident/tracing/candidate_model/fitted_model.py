@@ -13,7 +13,7 @@ from ident.whole_record.best_start import fit_from_best_start, quiet
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
-from ident.whole_record.unstable_motion import fit_projected
+from ident.whole_record.unstable_motion import fit_projected, projectable
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, NoiseEffect, full_name
 from sim.declaration.model import Model
@@ -191,7 +191,7 @@ def fit_as_declared(layout: FitLayout, guesses: list[np.ndarray] | None, levels:
     """A whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels)
-    if layout.shared and not quiet(layout) and (layout.prior is None or np.count_nonzero(layout.prior.information) == len(layout.prior.mean)):
+    if projectable(layout) and not quiet(layout):
         return fit_from_best_start(layout) if guesses is None and layout.prior is None else fit_projected(layout, guesses)
     return fit_whole_records(FitProblem(layout), guesses)
 

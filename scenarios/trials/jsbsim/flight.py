@@ -118,6 +118,7 @@ def _small_motion(calm: Condition, flight: JsbsimFlight, sizes: Mapping[str, flo
     share = SMALL
     while True:
         wanted = commands(replace(flight, maneuver="3-2-1-1"), {control: share * size for control, size in sizes.items()}, units, time)
+        wanted.setdefault("throttle", np.zeros(len(time)))  # a propeller's torque would be as large as the motion
         flown = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
         done = [np.ptp(flown[name]) / np.ptp(values) for name, values in wanted.items() if name in flown.signals]
         if min(done) > MOVED or share >= 1.0:

@@ -27,8 +27,8 @@ AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
 # The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
 BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
-# The pilot who holds the pitch attitude while another control is moved: elevator (rad) per rad and per rad/s.
-PITCH_GAIN, PITCHING_GAIN = 0.3, 0.15
+# The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad and per rad/s, throttle per m/s.
+PITCH_GAIN, PITCHING_GAIN, SPEED_GAIN = 0.3, 0.15, 0.1
 PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
 PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
 
@@ -149,7 +149,7 @@ class _Pilot:
         self._machine, self._hands, self._share, self._leveller = machine, hands, PATIENCE * step, leveller
         self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
         self._neutral = {name: machine[hand.surface.property] for name, hand in hands.items()}
-        self._attitude = machine["attitude/theta-rad"]
+        self._attitude, self._speed = machine["attitude/theta-rad"], machine["velocities/vt-fps"]
 
     def steer(self, wanted: Mapping[str, float]) -> None:
         """Set the commands of the next frame."""
@@ -165,9 +165,10 @@ class _Pilot:
             left = change - hand.surface.scale * (machine[hand.surface.property] - self._neutral[name])
             self._at[name] += self._share * left / hand.reach
             machine[f"fcs/{name}-cmd-norm"] = self._at[name] + change / hand.reach
-        if "throttle" in wanted:
+        if "throttle" in wanted or "elevator" not in wanted:
+            pushed = wanted.get("throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"]))
             for engine in range(ENGINES):
-                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, self._at["throttle"] + wanted["throttle"]))
+                machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(1.0, max(0.0, self._at["throttle"] + pushed))
 
 
 def trimmed(condition: Condition) -> Any:

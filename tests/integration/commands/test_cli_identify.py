@@ -165,7 +165,7 @@ def test_inputs_joined_by_lines_are_read_from_the_sidecar(flightid: CommandLine,
     assert json.loads((tmp_path / "linear" / "record.json").read_text())["hold"] == "linear"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [pytest.param(method, marks=pytest.mark.slow if method == "filter-error" else ()) for method in METHODS])
 def test_the_zero_of_a_sensor_does_not_matter(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path, method: str) -> None:
     """Total angles as well as perturbations: five degrees of trim are a bias, and no start of the state."""
     frame = table(rigid_folder)[::5]

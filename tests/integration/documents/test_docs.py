@@ -92,6 +92,8 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "`[estimate]`": schema.EstimateTable,
     "`[estimate.start]` and `[estimate.initial]`": schema.SpreadTable,
     "`published`": schema.PublishedTable,
+    "`[repeated]`": schema.RepeatedTable,
+    "`[[repeated.flights]]`": schema.VariationTable,
 }
 
 

@@ -34,6 +34,7 @@ def campaign(correlation: float, runs: int, rng: np.random.Generator) -> np.ndar
     return np.sum(np.abs(errors) <= 2.0, axis=1)
 
 
+@pytest.mark.slow
 def test_pooled_binomial_interval_of_correlated_parameters_is_too_narrow_and_the_clustered_one_is_not() -> None:
     true, rng, repeats, runs = 2.0 * norm.cdf(2.0) - 1.0, np.random.default_rng(1), 200, 80
     held = np.zeros(2)

@@ -19,7 +19,13 @@ OFFSETS = {
 }
 
 
-DEAR = (("longitudinal", "filter-error"), ("longitudinal", "ukf"))  # fits of many seconds; the lateral ones stay in the default suite
+DEAR = (
+    ("longitudinal", "filter-error"),
+    ("longitudinal", "ukf"),
+    ("longitudinal", "equation-error"),
+    ("lateral", "ukf"),
+    ("lateral", "filter-error"),
+)  # seconds each
 
 
 def sigmas_off(found: Identification) -> dict[str, float]:

@@ -36,6 +36,7 @@ def test_lines_are_the_same_for_any_number_of_workers(loop: None, tmp_path: Path
     assert "within 2 sigmas" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_mark_says_what_the_paper_hides(loop: None, tmp_path: Path) -> None:
     mark = next(iter(marks_of(range(21, 22), 1)))
     written = write_paper(21, tmp_path)
