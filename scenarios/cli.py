@@ -49,7 +49,7 @@ VehicleBeside = Annotated[
         help="Constants and starting values; else vehicle.toml beside the first record, if any.",
     ),
 ]
-Scenario = Annotated[str | None, typer.Argument(metavar="[NAME]", help="A scenario; none beside --model.")]
+Scenario = Annotated[str | None, typer.Argument(metavar="NAME", help="A scenario; none beside --model.")]
 OwnModel = Annotated[str | None, typer.Option("--model", metavar="FILE.py", help="A model of your own flies instead of a scenario; its file is run.")]
 TrueValues = Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="With --model: true values; else those of its file.")]
 Inputs = Annotated[
@@ -73,7 +73,7 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show a tracebac
 
 
 @app.command("list")
-def list_(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this scenario's file, to copy and edit.")] = None) -> None:
+def list_(name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print this scenario's file, to copy and edit.")] = None) -> None:
     """Scenarios, one line each; with a name, that scenario's file."""
     from scenarios.commands.libraries import list_scenarios, show_scenario
 
@@ -263,7 +263,7 @@ def campaign(
 
 
 @app.command()
-def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One effect, explained.")] = None) -> None:
+def effects(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One effect, explained.")] = None) -> None:
     """The library of effects."""
     from scenarios.commands.libraries import show_effects
 
@@ -272,7 +272,7 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="O
 
 @app.command()
 def models(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="One model, or a file with one of your own, which is run.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME|FILE", help="One model, or a file with one of your own, which is run.")] = None,
     example: Annotated[bool, typer.Option("--example", help="Print the file of a model of one's own, to copy and edit.")] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
@@ -286,7 +286,7 @@ def models(
 
 @app.command()
 def vehicles(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One vehicle, number by number.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="One vehicle, number by number.")] = None,
     other: Annotated[str | None, typer.Option("--diff", metavar="OTHER", help="What differs from another vehicle.")] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""

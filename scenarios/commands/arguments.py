@@ -26,6 +26,12 @@ def each_validated(given: list[str]) -> list[str]:
     several = SEVERAL.get(given[0], ()) if given else ()
     if not several:
         return given
+    out, fitted = _expanded(given, several)
+    return out if fitted else _expanded(given, [option for option in several if option != "--validate"])[0]
+
+
+def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]:
+    """The words with the options ``several`` before each of theirs, and how many of them are records to be fitted."""
     out, option, taken, fitted = [given[0]], "", 0, 0
     for text in given[1:]:
         if text.startswith("-") and text != "-":
@@ -46,7 +52,7 @@ def each_validated(given: list[str]) -> list[str]:
             taken += 1
         out.append(text)
     out += _unsaid(option, taken)
-    return out if fitted else given
+    return out, fitted
 
 
 def _unsaid(option: str, taken: int) -> list[str]:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from scenarios.preparation.reading import Prepared
 
 SCHEMA = "flightid/comparison/1"
-
-
 ALL = "all"  # of --profile: every parameter
 
 
@@ -49,7 +47,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_files, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
-    from scenarios.identification.state_space import refuse_format, state_space_of, write_state_space
+    from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
     from scenarios.preparation.reading import prepare
     from scenarios.preparation.vehicle_model import model_of_file
@@ -58,7 +56,8 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     if method not in METHODS:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=f"use one of {', '.join(METHODS)}")
     if matrices is not None:
-        refuse_format(matrices)
+        ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
+        refuse_place(matrices, [*request.records, *request.validate, *ours])
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
     vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)
@@ -80,11 +79,12 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
         found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
+    space = state_space_of(found) if matrices is not None else None
     if out is not None:
         _write(found, flown, ready.measured, (files, validation), out, figures)
     _print(found, flown)
-    if matrices is not None:
-        write_state_space(state_space_of(found), matrices)
+    if matrices is not None and space is not None:
+        write_state_space(space, matrices)
         print(f"matrices written to {matrices}")
     if out is not None:
         print(f"written to {out}")

@@ -62,6 +62,8 @@ def finding_lines(check: Check) -> list[str]:
             lines += [f"stands in {single.records[0]}: {sentence(f)}" for f in single.findings if f.stands and f.kind == "bias"]
     if result.joint.estimates and not any(line.startswith("stands") for line in lines):
         lines.append("no sensor fault stands: the channels agree with each other within their noise")
+    if not result.relations:
+        lines.append("nothing is checked: these channels close no relation of the kinematics")
     for item in result.joint.estimates:
         if item.told and not item.agrees:
             lines.append(f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: trust neither")

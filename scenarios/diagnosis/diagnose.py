@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
@@ -12,21 +11,17 @@ from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
 from scenarios.diagnosis.kinematics import kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
+from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
 from scenarios.diagnosis.overflows import Overflows, Trace
+from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.files.measured.record_file import refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import refuse_unknown_model
 from scenarios.preparation.plan import WHOLE, Plan
-from scenarios.preparation.request import Request, flown_of
+from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
 from sim.record import Hold
-
-if TYPE_CHECKING:
-    pass
-
-from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
-from scenarios.diagnosis.tracing import Inputs, Tracing
 
 KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
 
@@ -90,7 +85,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         posed.look,
         overflows.count,
         settings.effort,
-        flown_of(request, opened.vehicle),
+        opened.flown,
     )
 
 

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Diagnosis, Quantity
-from scenarios.files.constraints import Constraints, constraint_sentences
+from scenarios.files.constraints import Constraints, constraint_sentences, side_at
 from sim.declaration.model import Model
-
-_AT = 1e-9  # of a bound's size, within which a value is at it
 
 
 def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
@@ -32,11 +30,7 @@ def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis
 
 
 def _pressed(values: Mapping[str, Quantity], bounds: Mapping[str, tuple[float, float]]) -> list[str]:
-    return [
-        name
-        for name, (low, high) in bounds.items()
-        if name in values and any(abs(values[name].value - bound) <= _AT * abs(bound) for bound in (low, high) if abs(bound) != float("inf"))
-    ]
+    return [name for name, pair in bounds.items() if name in values and side_at(values[name].value, pair)]
 
 
 def _held(values: Mapping[str, Quantity], names: list[str]) -> dict[str, Quantity]:

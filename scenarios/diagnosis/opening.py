@@ -16,7 +16,7 @@ from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import Plan
 from scenarios.preparation.recording import RawLook
-from scenarios.preparation.request import Request, column_choices
+from scenarios.preparation.request import Request, column_choices, flown_of
 from scenarios.preparation.vehicle_model import outputs_with_bias
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
@@ -24,6 +24,7 @@ from sim.errors import DeclarationError
 from sim.record import Record
 
 if TYPE_CHECKING:
+    from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.channels import ColumnChoice
     from scenarios.preparation.reading import Prepared
 
@@ -36,6 +37,7 @@ class Opened:
     choices: Mapping[str, ColumnChoice] | None
     records: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
+    flown: Flown
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +56,11 @@ class Posed:
 
 
 def opened_files(request: Request, vehicle: Path | None) -> Opened:
-    """Vehicle, channel map and records, in this order; a fault of the first is told first."""
+    """Vehicle, class and category, channel map and records, in this order; a fault of the first is told first."""
     declared = read_vehicle(vehicle, request.model)
+    flown = flown_of(request, declared)
     choices = column_choices(request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS)
-    return Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate))
+    return Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate), flown)
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:

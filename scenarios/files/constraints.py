@@ -17,6 +17,7 @@ from sim.errors import DeclarationError
 
 TABLES = ("fixed", "bounds", "tied")
 STARTS = "derivatives"
+_AT = 1e-9  # of the larger bound, within which a value is at one
 _TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
 _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
@@ -78,6 +79,15 @@ def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: s
     if held and held.issuperset(starts):
         remedy = "leave one parameter free at least"
         raise DeclarationError("every parameter is fixed or tied: nothing is left to estimate", where=str(path), remedy=remedy)
+
+
+def side_at(value: float, bounds: tuple[float, float]) -> str:
+    """``"lower"`` or ``"upper"`` where a fit has pressed a value against one of its bounds, else empty."""
+    low, high = bounds
+    room = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
+    if math.isfinite(low) and low - value >= -room:
+        return "lower"
+    return "upper" if math.isfinite(high) and value - high >= -room else ""
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:

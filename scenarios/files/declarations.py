@@ -25,6 +25,7 @@ _LIMITS = {
 }
 # What to speak of first: a misspelt key is both unknown and missing.
 _ORDER = ("extra_forbidden", "missing")
+_KINDS = ("float", "int", "str", "constrained-str")  # of a value that may be several: pydantic puts them behind the key
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -92,6 +93,8 @@ def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path,
     faults = sorted(error.errors(include_url=False), key=lambda fault: _ORDER.index(fault["type"]) if fault["type"] in _ORDER else len(_ORDER))
     fault = faults[0]
     kind, location = fault["type"], fault["loc"]
+    if len(location) > 1 and location[-1] in _KINDS:
+        location = location[:-1]
     key = key_path((inside, *location) if inside else location)
     where = f"{path}, key {key}"
     if kind == "extra_forbidden":

@@ -88,10 +88,9 @@ _LOES_STARTS = _table(
 _BALLISTIC_STARTS = _table("BallisticDerivatives", **_required({"beta": _number("kg/m2", gt=0.0)}))
 
 
-_FLOWN: dict[str, Any] = {
-    "aircraft_class": (Literal["I", "II", "II-C", "II-L", "III", "IV"] | None, None),
-    "flight_phase": (Literal["A", "B", "C"] | None, None),
-}
+AircraftClass = Literal["I", "II", "II-C", "II-L", "III", "IV"]
+FlightPhase = Literal["A", "B", "C"]
+_FLOWN: dict[str, Any] = {"aircraft_class": (AircraftClass | None, None), "flight_phase": (FlightPhase | None, None)}
 
 
 def _whole_axes(model: str) -> type[BaseModel]:

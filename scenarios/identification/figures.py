@@ -62,13 +62,14 @@ def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[floa
     degrees.
     """
     record = each.record
-    shown = [channel for channel in record.outputs if channel.name in each.outputs and np.all(channel.valid)]
+    shown = [channel for channel in record.outputs if channel.name in each.outputs and np.any(channel.valid)]
     sheet = make_sheet([1.3] * len(shown), row_gap=0.18)
     count = len(record)
     frequency = np.arange(1, (count + 1) // 2) * (count - 1) / count / (record.time[-1] - record.time[0])
     for channel, panel in zip(shown, sheet.panels, strict=True):
         unit = display_unit(channel.unit)
-        rows = channel.values, each.simulated[each.outputs.index(channel.name)]
+        bridged = np.interp(record.time, record.time[channel.valid], channel.values[channel.valid])  # gaps as the fit bridges them
+        rows = bridged, each.simulated[each.outputs.index(channel.name)]
         measured, simulated = (unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows)
         panel.axvspan(*band, color=LIGHT, alpha=0.5, linewidth=0, label="fitted")
         panel.plot(frequency, np.abs(measured), label="measured", **{**MEASURED, "markersize": 5.0})

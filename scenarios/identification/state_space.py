@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.flying_qualities.state_space import StateSpace, state_space
 from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
+from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.own_models import inputs_at_rest
 from scenarios.identification.result import Identification
 from sim.errors import DeclarationError, FlightidError
@@ -102,16 +103,21 @@ def _mat(space: StateSpace) -> bytes:
 FORMATS: Mapping[str, Callable[[StateSpace], bytes]] = MappingProxyType({".json": _json, ".mat": _mat, ".npz": _npz})
 
 
-def refuse_format(path: Path) -> None:
-    """Raise DeclarationError for an ending that no format has."""
+def refuse_place(path: Path, kept: Iterable[Path] = ()) -> None:
+    """Raise DeclarationError for an ending that no format has, for a folder, and for one of the files ``kept`` or what stands beside a record."""
+    where = f"--state-space, {path}"
     if path.suffix.lower() not in FORMATS:
         what = f"{path.suffix or 'no'} ending"
-        raise DeclarationError(what, where=f"--state-space, {path}", remedy=f"name a file that ends in {', '.join(FORMATS)}")
+        raise DeclarationError(what, where=where, remedy=f"name a file that ends in {', '.join(FORMATS)}")
+    if path.is_dir():
+        raise DeclarationError("this is a folder", where=where, remedy="name a file")
+    if path.resolve() in {each.resolve() for given in kept for each in (given, sidecar_path(given))}:
+        raise DeclarationError("the matrices would take the place of a record or of the study", where=where, remedy="name another file")
 
 
 def write_state_space(space: StateSpace, path: Path) -> None:
     """Write the matrices in the format of the file's ending; a JSON file is text, the others are arrays by name."""
-    refuse_format(path)
+    refuse_place(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(FORMATS[path.suffix.lower()](space))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.plan import Plan
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
     from ident.flying_qualities.mode_levels import Flown
@@ -45,9 +46,20 @@ class Request:
 
 
 def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
-    """Class and category by which levels of flying qualities are told: the request's, else the vehicle file's, else assumed."""
-    from ident.flying_qualities.mode_levels import flown_as
+    """Class and category by which levels of flying qualities are told: the request's, else the vehicle file's, else assumed.
 
+    Raises
+    ------
+    DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
+    """
+    from ident.flying_qualities.mode_levels import flown_as
+    from scenarios.files.own_models import is_of_aircraft
+
+    aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
+    for option, given in (("--class", request.aircraft_class), ("--category", request.flight_phase)):
+        if given is not None and not aircraft:
+            what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
+            raise DeclarationError(what, where=option, remedy="leave it out")
     return flown_as(request.aircraft_class or vehicle.aircraft_class, request.flight_phase or vehicle.flight_phase)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -41,7 +43,7 @@ def print_study(study: Study, out: Console | None = None) -> None:
 def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
-    title += f" {estimate.message}" if estimate.message else ""
+    title += f"; {estimate.message}" if estimate.message else ""
     rows = _with_display(study, method.rows)
     columns = [
         Column("parameter", [row.name for row in rows], left=True),
@@ -73,7 +75,7 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
 
 def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
     """Errors over all runs of the repeated flights: in reported sigmas, then in the derivatives' units."""
-    names, runs = found[0].names, sum(found[0].outcomes.values())
+    names, runs = dict.fromkeys(name for each in found for name in each.names), sum(found[0].outcomes.values())
     common = [Column("flight: method", [f"{each.flight}: {each.estimation.label}" for each in found], left=True)]
     shares = [each.within_two for each in found]
     judged = [
@@ -81,14 +83,20 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
         Column("within 2 sigma", [f"{100 * share:.0f} %" for share, _ in shares]),
         Column("95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]),
     ]
-    in_sigmas = [Column(name, [f"{each.rms_sigmas[i]:.2f}" for each in found]) for i, name in enumerate(names)]
+    in_sigmas = [Column(name, [_of(each, name, each.rms_sigmas, ".2f") for each in found]) for name in names]
     print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
-    in_units = [Column(name, [f"{each.rms[i]:.3g}" for each in found]) for i, name in enumerate(names)]
+    in_units = [Column(name, [_of(each, name, each.rms, ".3g") for each in found]) for name in names]
     print_table(out, "the same in the derivatives' units", [*common, *in_units])
     for each in found:
         others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
         if others:
             print_paragraph(out, f"{each.flight}, {each.estimation.label}: {others} of {runs} left out")
+
+
+def _of(each: Scatter, name: str, values: np.ndarray, digits: str) -> str:
+    """One derivative's number of ``values (n,)``; a dash where a method does not estimate it or no run settled."""
+    value = values[each.names.index(name)] if name in each.names else math.nan
+    return format(value, digits) if math.isfinite(value) else "-"
 
 
 def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
+from scenarios.files.constraints import side_at
 from scenarios.studies.rows import Row
 from sim.declaration.model import Model
 from sim.declaration.system import System
-
-_AT = 1e-9  # of a bound's size (or of the range, where it is zero), within which a value is at it
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,8 @@ def _pressed(model: Model, estimate: Estimate) -> list[AtBound]:
     for name, value in estimate.as_dict().items():
         if name not in model.parameters or not np.isfinite(value):
             continue
-        low, high = model.parameters[name].bounds
-        room = _AT * max(abs(low) if np.isfinite(low) else 0.0, abs(high) if np.isfinite(high) else 0.0)
-        for bound, side, outside in ((low, "lower", low - value), (high, "upper", value - high)):
-            if np.isfinite(bound) and outside >= -room:
-                out.append(AtBound(name, bound, model.parameters[name].unit, side))
+        item = model.parameters[name]
+        side = side_at(value, item.bounds)
+        if side:
+            out.append(AtBound(name, item.bounds[0 if side == "lower" else 1], item.unit, side))
     return out

@@ -17,6 +17,9 @@ def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, 
     place = f"{where}, key flight"
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, fitted, where)
+    if own is not None and flight.derivatives:
+        remedy = "put its true values under flight.values"
+        raise DeclarationError("a model of your own has no derivatives of a vehicle", where=f"{place}.derivatives", remedy=remedy)
     model = own or fitted
     rate = positive(si(flight.rate, "1/s", f"{place}.rate", {"hz": "1/s"}), f"{place}.rate")
     return Flight(

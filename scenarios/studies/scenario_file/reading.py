@@ -8,7 +8,7 @@ from typing import Any
 
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
-from scenarios.files.own_models import OwnModel
+from scenarios.files.own_models import OwnModel, is_of_aircraft
 from scenarios.studies.declaration import Estimation, Flight, PublishedChoice, Scenario, Start
 from scenarios.studies.scenario_file.flight import flight_of, repeated_of
 from scenarios.studies.scenario_file.own import completed, model_files
@@ -32,6 +32,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     base = {key: value for key, value in document["estimate"].items()}
     files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
     flight = flight_of(content.flight, content.estimate.model, where, files)
+    _refuse_words_for_aircraft(content, flight.own, where)
     mains = [estimation_of(content.estimate, "main", where, flight, files)]
     for number, change in enumerate(content.methods, start=1):
         merged = {**base, **change}
@@ -90,6 +91,16 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         own=own,
     )
     return declared if own is None else completed(declared, flight.noise_std)
+
+
+def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where: str) -> None:
+    """Raise DeclarationError for keys that say something of an aircraft alone, where none flies."""
+    aircraft = content.estimate.model != "ballistic" and (own is None or is_of_aircraft(own))
+    asked = {"condensed": content.condensed and own is not None}
+    asked |= {key: getattr(content, key) is not None and not aircraft for key in ("aircraft_class", "flight_phase")}
+    for key, vain in asked.items():
+        if vain:
+            raise DeclarationError("this is for aircraft, and none flies", where=f"{where}, key {key}", remedy="leave it out")
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, Field
 from pydantic_core import PydanticCustomError
 
 from scenarios.files.own_models import is_model_file
-from scenarios.files.vehicles_schema import STRICT
+from scenarios.files.vehicles_schema import STRICT, AircraftClass, FlightPhase
 from scenarios.studies.scenario_file.quantities import Quantity
 
 Name = Annotated[str, Field(min_length=1)]
@@ -120,6 +120,6 @@ class ScenarioTable(Strict):
     methods: list[dict[str, Any]] = []
     condensed: bool = False
     display: dict[str, str] = {}
-    aircraft_class: Literal["I", "II", "II-C", "II-L", "III", "IV"] | None = None
-    flight_phase: Literal["A", "B", "C"] | None = None
+    aircraft_class: AircraftClass | None = None
+    flight_phase: FlightPhase | None = None
     repeated: RepeatedTable | None = None

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.trials.jsbsim.declaration import CONTROLS, INPUTS, MODELS, OUTPUTS, JsbsimFlight
+from scenarios.trials.jsbsim.aircraft import surfaces_of
+from scenarios.trials.jsbsim.declaration import CONTROLS, INPUTS, MODELS, OUTPUTS, SURFACES, JsbsimFlight
 from scenarios.trials.jsbsim.derivatives import Slopes, constants_of, slopes_of
 from scenarios.trials.jsbsim.faults import spoiled
 from scenarios.trials.jsbsim.machine import FRAMES, Condition, Flown, fly
 from scenarios.trials.jsbsim.maneuvers import commands, rehearsal
+from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
 
 REHEARSAL = 12.0  # s
@@ -52,6 +54,7 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     ------
     DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or loses it in the maneuver.
     """
+    _refuse_missing_surface(flight)
     frames = math.ceil(FRAMES / flight.rate)  # of one sample
     calm = Condition(flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed)
     units = units_of(calm)
@@ -69,6 +72,15 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
         wanted,
     )
     return _recorded(flight, flown, frames, np.random.default_rng(seed)), truth
+
+
+def _refuse_missing_surface(flight: JsbsimFlight) -> None:
+    there = surfaces_of(flight.aircraft)
+    for key, faults in (("late", flight.late), ("backlash", flight.backlash)):
+        for name in faults:
+            if name in SURFACES and name not in there:
+                what = f"{flight.aircraft} has no {name} that its air loads read"
+                raise DeclarationError(what, where=f"key {key}.{name}", remedy="leave it out, or give another aircraft")
 
 
 def units_of(calm: Condition) -> dict[str, float]:

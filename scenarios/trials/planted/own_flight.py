@@ -133,6 +133,8 @@ def _planned(asked: OwnFlight) -> _Planned:
     maneuvers, end = maneuver_words(words, model, motion, pulse)
     natural = min(end + SETTLING * pulse, motion.end if motion.ran_away and not asked.inputs else math.inf)
     duration = asked.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
+    if maneuvers and min(each["start"] for each in maneuvers) >= duration:
+        raise DeclarationError(f"no maneuver begins within {duration:g} s", where="--duration", remedy="give a longer one, or --input with a start")
     noise = {**_usual_noise(model, motion), **noise_of(asked.noise, model)}
     if not noise:
         raise DeclarationError("no output moves", where="--noise", remedy="name the outputs that are measured, --noise NAME=SIZE")

@@ -18,7 +18,7 @@ from scenarios.studies.files import write_study
 from scenarios.studies.flying import fly_scenario, true_model
 from scenarios.studies.repeated import Scatter, fly_repeatedly
 from scenarios.studies.study import run_scenario
-from scenarios.studies.text import print_study
+from scenarios.studies.text import _print_repeated, print_study
 from scenarios.terminal.numbers import console
 from sim.errors import DeclarationError
 from sim.vehicles.linear import linearise
@@ -69,6 +69,18 @@ def test_wrong_names_are_refused_by_key() -> None:
         run_scenario(load_scenario("unstable", ["flight.derivatives={Cm_beta = 1.0}"]))
     with pytest.raises(DeclarationError, match="there is no method 'ekf'"):
         load_scenario("unstable", ['repeated.flights.1.methods=["ekf"]'])
+
+
+def test_methods_of_other_derivatives_stand_in_one_table() -> None:
+    """Each number under its own name, a dash where a method does not estimate it."""
+    main, filtered = load_scenario("unstable").estimations[:2]
+    both = Scatter("calm", main, ("a", "b"), ("1", "1"), np.array([[2.0], [3.0]]), np.ones((2, 1)), {"converged": 1})
+    one = Scatter("calm", filtered, ("b",), ("1",), np.array([[5.0]]), np.ones((1, 1)), {"converged": 1})
+    out = console()
+    with out.capture() as said:
+        _print_repeated([both, one], out)
+    rows = [line.replace("│", " ").split() for line in said.get().splitlines() if "calm: " in line]
+    assert [row[-2:] for row in rows[:2]] == [["2.00", "3.00"], ["-", "5.00"]]
 
 
 def held(found: Scatter, derivative: int) -> int:

@@ -195,6 +195,7 @@ WORDS: list[tuple[tuple[str, ...], str]] = [
     (("--noise", "y=1"), "--noise y=1: there is no output 'y'; use one of x, acceleration"),
     (("--noise", "x=-1"), "--noise x=-1: -1 is not above 0; "),
     (("--noise", "x"), "--noise x: this is not OUTPUT=SIZE; "),
+    (("--duration", "0.01"), "--duration: no maneuver begins within 0.01 s; "),
     (("--duration", "-1"), "--duration: -1 is not above 0; "),
     (("--rate", "0"), "--rate: 0 is not above 0; "),
     (("--rate", "1e9"), "--duration, --rate: "),
@@ -279,6 +280,10 @@ MODEL = '[estimate]\nmodel = "my_model.py"'
             edited(TRACE, ('"my_model.py"\nnoise', '"bomber_rigid"\nnoise')),
             "mine.toml, key estimate.model: the built-in vehicle bomber_rigid flies; ",
         ),
+        (edited(SCENARIO, ("duration", "derivatives = {k = 3.0}\nduration")), "mine.toml, key flight.derivatives: a model of your own has no "),
+        (edited(SCENARIO, ("[flight]", 'aircraft_class = "II"\n[flight]')), "mine.toml, key aircraft_class: this is for aircraft, and none flies"),
+        (edited(SCENARIO, ("[flight]", "condensed = true\n[flight]")), "mine.toml, key condensed: this is for aircraft, and none flies"),
+        (edited(SCENARIO, ("duration = 2.0", "duration = nan")), "mine.toml, key flight.duration: value nan is not a finite number; "),
         (edited(TRACE, (MODEL, f"{MODEL}\nstart = {{kk = 1.0}}")), "mine.toml, key estimate.start: there is no kk; use k, c"),
     ],
 )
@@ -296,6 +301,12 @@ def test_a_wrong_scenario_of_an_own_model(flightid: CommandLine, place: Path, wr
         (("campaign", "--runs", "2"), "nothing is named; name a scenario"),
         (("simulate", "rigid", "--noise", "q=1", "--out", "new.csv"), "--noise: this goes with --model FILE.py; "),
         (("simulate", "--model", FILE, "--out", "new.txt"), "new.txt: .txt ending; "),
+        (
+            ("identify", "record.csv", "--model", FILE, "--out", "out", "--state-space", "out/comparison.json"),
+            "--state-space, out/comparison.json: the matrices would take the place of",
+        ),
+        (("identify", "record.csv", "--model", FILE, "--class", "I"), "--class: spring-mass is no model of an aircraft"),
+        (("diagnose", "record.csv", "--model", FILE, "--category", "A"), "--category: spring-mass is no model of an aircraft"),
         (("models", FILE, "--example"), "--example: a model is named as well, 'my_model.py'; "),
     ],
 )

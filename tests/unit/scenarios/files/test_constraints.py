@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from scenarios.files.constraints import side_at
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.ties import Tie
@@ -22,6 +23,22 @@ def read(folder: Path, tail: str = "", top: str = "", without: tuple[str, ...] =
     path = folder / "v.toml"
     path.write_text(f"{HEAD}{top}\n[derivatives]\n{starts}{tail}\n")
     return read_vehicle(path, model)
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "side"),
+    [
+        (-33.0, (-33.0, 0.0), "lower"),
+        (-33.0 + 1e-8, (-33.0, 0.0), "lower"),
+        (-32.9, (-33.0, 0.0), ""),
+        (-1e-12, (-33.0, 0.0), "upper"),
+        (0.0, (0.0, math.inf), "lower"),
+        (1e-12, (0.0, math.inf), ""),
+        (1e9, (-math.inf, math.inf), ""),
+    ],
+)
+def test_at_a_bound_is_within_rounding_of_the_larger_one(value: float, bounds: tuple[float, float], side: str) -> None:
+    assert side_at(value, bounds) == side
 
 
 def test_a_file_without_any_is_as_it_was(tmp_path: Path) -> None:

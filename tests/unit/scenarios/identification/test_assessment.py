@@ -12,12 +12,14 @@ from ident.estimate import Outcome
 from scenarios.files.constraints import Constraints
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
+from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
-from scenarios.identification.figures import draw_identification
+from scenarios.identification.figures import draw_identification, figure_spectra
 from scenarios.identification.identify import identify
 from scenarios.identification.result import Options
 from sim.declaration.ties import Tie
 from sim.errors import DeclarationError
+from sim.record import Channel, Hold, Record
 from tests.every_model import Case, case_of
 
 
@@ -120,6 +122,18 @@ def test_records_held_out_are_simulated_with_what_was_found() -> None:
     table = fit_lines(found.fits)
     assert len(table) == 2 + 2 * 4 and "held out" in table[-1] and "spoiled" in table[-1]
     assert [each["held_out"] for each in fits_content(found.fits)["records_fitted"]] == [False, False, True, True]
+
+
+def test_spectra_of_a_record_with_gaps() -> None:
+    """Gaps are bridged by straight lines, as the fit does; a record with one in every output is drawn all the same."""
+    time = 0.02 * np.arange(200)
+    line = 1.0 + 2.0 * time
+    outputs = [Channel.of(name, "rad", np.where(np.isin(np.arange(200), gap), np.nan, line)) for name, gap in (("a", [50]), ("b", [60, 61]))]
+    each = RecordFit(Record(time, (), tuple(outputs), Hold.PREVIOUS, "gaps"), ("b", "a"), np.zeros((2, 200)), None, False)
+    figure = figure_spectra(each, {}, (0.5, 2.0))
+    drawn = [next(curve for curve in panel.lines if curve.get_label() == "measured").get_ydata() for panel in figure.axes]
+    expected = np.degrees(np.abs(np.fft.rfft(line)[1:100])) / np.sqrt(200.0)
+    assert len(drawn) == 2 and all(np.allclose(curve, expected) for curve in drawn)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from ident.flying_qualities.state_space import StateSpace
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.identify import identify
-from scenarios.identification.state_space import refuse_format, state_space_of, write_state_space
+from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record
 from tests.own_models import SPRING
@@ -85,4 +85,16 @@ def test_an_own_model_is_linearised_about_its_rest(tmp_path: Path) -> None:
 
 def test_an_ending_that_no_format_has_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"plant.txt: .txt ending; name a file that ends in .json, .mat, .npz"):
-        refuse_format(Path("plant.txt"))
+        refuse_place(Path("plant.txt"))
+
+
+@pytest.mark.parametrize("name", ["flight.json", "flight.mat", "sub/../flight.mat"])
+def test_what_is_read_is_not_written_over(tmp_path: Path, name: str) -> None:
+    """Neither the record nor what stands beside it, whatever way there is named."""
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(DeclarationError, match="would take the place of a record or of the study"):
+        refuse_place(tmp_path / name, [tmp_path / "flight.mat"])
+    refuse_place(tmp_path / "plant.json", [tmp_path / "flight.mat"])
+    (tmp_path / "plant.mat").mkdir()
+    with pytest.raises(DeclarationError, match="this is a folder"):
+        refuse_place(tmp_path / "plant.mat")

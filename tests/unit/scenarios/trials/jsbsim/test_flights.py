@@ -20,6 +20,7 @@ from scenarios.trials.jsbsim.files import vehicle_text, write_jsbsim
 from scenarios.trials.jsbsim.flight import JsbsimTruth, fly_jsbsim
 from scenarios.trials.jsbsim.machine import Condition, Flown, fly
 from scenarios.trials.jsbsim.schema import jsbsim_of
+from sim.errors import DeclarationError
 from sim.record import Record
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed (pip install 'flightid[jsbsim]')")
@@ -140,3 +141,10 @@ def test_keys_and_defaults_are_documented() -> None:
     rows = [line.strip("|").split("|") for line in section.splitlines() if line.startswith("| `")]
     documented = {key.strip().strip("`"): default.strip() for key, default, *_ in rows}
     assert documented == {field.alias or name: shown(field.default) for name, field in schema._Jsbsim.model_fields.items()}
+
+
+def test_a_fault_of_a_surface_that_is_not_there_is_refused() -> None:
+    """The airship's air loads read no aileron."""
+    flight = declared("aircraft=ZLT-NT", "axis=rigid", "altitude=500", "airspeed=20", "late={aileron = 0.1}")
+    with pytest.raises(DeclarationError, match=r"key late\.aileron: ZLT-NT has no aileron that its air loads read"):
+        fly_jsbsim(flight, 1)
