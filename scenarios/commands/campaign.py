@@ -13,6 +13,8 @@ from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from scenarios.trials.planted.own_flight import OwnFlight
 
 LOOP = ("false-alarms", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
@@ -54,23 +56,28 @@ def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path |
         print(f"written to {out}")
 
 
-def _print(campaign: Campaign) -> None:
-    from rich.table import Table
-
+def _print(campaign: Campaign, out: Console | None = None) -> None:
     from scenarios.terminal.numbers import console, number
+    from scenarios.terminal.rich_tables import Column, print_table
 
-    terminal = console()
+    terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
-    table = Table(title=title, title_justify="left")
-    for heading in ("parameter", "unit", "reference", "bias", "scatter", "reported", "within 2 sigma", "95 % interval", "in 1 sigma"):
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
-    for s in (*campaign.spreads, campaign.pooled):
-        low, high = s.interval
-        cells = [f"{s.reference:.5g}", number(s.bias, s.scatter), number(s.scatter, s.scatter), number(s.reported, s.reported)]
-        shares = f"{100 * s.within_two:.1f} %", f"{100 * low:.1f} to {100 * high:.1f} %", f"{100 * s.within_one:.1f} %"
-        table.add_row(s.name, s.unit, *cells, *shares)
-    terminal.print(table)
+    spreads = (*campaign.spreads, campaign.pooled)
+    sizes = [
+        Column("parameter", [s.name for s in spreads], left=True),
+        Column("unit", [s.unit for s in spreads], left=True),
+        Column("reference", [f"{s.reference:.5g}" for s in spreads]),
+        Column("bias", [number(s.bias, s.scatter) for s in spreads]),
+        Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
+        Column("reported", [number(s.reported, s.reported) for s in spreads]),
+    ]
+    shares = [
+        Column("within 2 sigma", [f"{100 * s.within_two:.1f} %" for s in spreads]),
+        Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
+        Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
+    ]
+    print_table(terminal, title, sizes, shares)
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 

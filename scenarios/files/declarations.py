@@ -73,6 +73,8 @@ def checked(schema: type[Schema], content: Mapping[str, Any], path: str | Path, 
 def closest(word: str, known: Iterable[str]) -> str:
     """``"did you mean 'alpha'?"``, or the whole choice where nothing is near."""
     choice = list(known)
+    if not choice:
+        return "leave it out"
     lower = {name.lower(): name for name in choice}
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.6)
     return f"did you mean {lower[near[0]]!r}?" if near else f"use one of {', '.join(choice)}"

@@ -86,7 +86,8 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
     in_sigmas = [Column(name, [_of(each, name, each.rms_sigmas, ".2f") for each in found]) for name in names]
     print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
     in_units = [Column(name, [_of(each, name, each.rms, ".3g") for each in found]) for name in names]
-    print_table(out, "the same in the derivatives' units", [*common, *in_units])
+    half = (len(in_units) + 1) // 2
+    print_table(out, "the same in the derivatives' units", [*common, *in_units[:half]], in_units[half:])
     for each in found:
         others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
         if others:

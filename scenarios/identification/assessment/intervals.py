@@ -24,10 +24,13 @@ def refuse_profile(method: str) -> None:
         raise DeclarationError(what, where="--profile", remedy=f"use --method {' or '.join(PROFILED)}")
 
 
-def chosen_names(wanted: Sequence[str], estimate: Estimate) -> tuple[str, ...]:
-    """The parameters asked for, all where none is named. Raises DeclarationError for one that is not estimated."""
+def chosen_names(wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()) -> tuple[str, ...]:
+    """The parameters asked for, all where none is named. Raises DeclarationError for one that is not estimated, as those that are ``held``."""
     known = [name for name in estimate.names if not name.startswith("bias_")]
     for name in wanted:
+        if name not in known and name in held:
+            what = f"{name} is fixed, tied or at its bound: no interval is its own"
+            raise DeclarationError(what, where="--profile", remedy=f"use one of {', '.join(known)}")
         if name not in known:
             raise DeclarationError(f"no parameter {name!r} is estimated", where="--profile", remedy=closest(name, known))
     return tuple(wanted) or tuple(known)
@@ -50,7 +53,7 @@ def profiled(
     ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing; ``delays`` and ``band`` (frequency domain).
     The fit is made once more from what it found, which takes a step or two.
     """
-    names = chosen_names(wanted, estimate)
+    names = chosen_names(wanted, estimate, [item.name for item in system.parameters if not item.free])
     if estimate.outcome not in SETTLED:
         return ()
     known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}

@@ -111,6 +111,7 @@ CAUSE_UNITS = {
     "noise_time": "s",
 }
 HERTZ = {"hz": "1/s"}
+OF_LONGITUDINAL = ("trim_alpha", "total", "optional", "once", "level")  # keys of a flight that say nothing of the lateral axis
 
 
 def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
@@ -144,6 +145,9 @@ def _flight(flight: _Flight, place: str) -> FlightLine:
     _known(flight.maneuvers, FLOWN[flight.axis], "maneuver", f"{place}.maneuvers")
     _known([flight.once] if flight.once else [], FLOWN[flight.axis], "maneuver", f"{place}.once")
     _known(flight.unrecorded, AXES[flight.axis].optional, "further channel", f"{place}.unrecorded")
+    for key in OF_LONGITUDINAL if flight.axis == LATERAL else ():
+        if getattr(flight, key) != _Flight.model_fields[key].default:
+            raise DeclarationError("this is for the longitudinal axis", where=f"{place}.{key}", remedy="leave it out")
     fewest, most = flight.records
     if not FEWEST <= fewest <= most <= MOST:
         raise DeclarationError(f"{fewest} to {most} records", where=f"{place}.records", remedy=f"give fewest and most, from {FEWEST} to {MOST}")

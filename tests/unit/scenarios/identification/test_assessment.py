@@ -93,6 +93,9 @@ def test_intervals_stand_beside_the_sigmas(method: str) -> None:
     assert "L_p" in interval_lines(found.intervals, {"L_p": "1/s"})[-1]
     with pytest.raises(DeclarationError, match=r"no parameter 'L_q' is estimated; did you mean"):
         identify(case.record, case.vehicle, method, options=Options(profile=("L_q",)))
+    pressed = laid_down(case, bounds={"L_p": (-2.2, 0.0)})
+    with pytest.raises(DeclarationError, match="L_p is fixed, tied or at its bound: no interval is its own; use one of L_da"):
+        identify(case.record, pressed, method, options=Options(profile=("L_p",)))
 
 
 def test_open_and_skewed_intervals_are_told() -> None:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import io
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from scenarios.commands.campaign import _print
+from scenarios.studies.campaign import Campaign, Spread
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
 NAMES = [f"parameter_{i}" for i in range(3)]
@@ -34,6 +39,20 @@ def test_every_number_is_whole_at_any_width(width: int, framed: bool, tables: in
         assert all(cell in text for cell in cells)
     assert ("│" in text) is framed
     assert sum(NAMES[0] in line for line in lines) == tables
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
+    spreads = [Spread(name, "1/rad", -34.75, -0.0712345, 0.0031, 0.0029, 0.683, 0.954, (0.158, 1.0)) for name in ("Cm_alpha", "Cm_q")]
+    named: Any = SimpleNamespace(name="rigid", label="output error")
+    out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
+    nothing = np.zeros((2, 2))
+    _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
+    assert isinstance(out.file, io.StringIO)
+    text = out.file.getvalue()
+    assert "…" not in text and all(len(line) <= width for line in text.splitlines())
+    for cell in ("reference", "-34.75", "-0.0712", "0.0031", "0.0029", "95.4 %", "15.8 to 100.0 %", "68.3 %"):
+        assert cell in text, cell
 
 
 def test_numbers_stand_at_the_right_and_names_at_the_left() -> None:

@@ -149,6 +149,11 @@ def test_the_catalogue(name: str) -> None:
         ("flight.maneuvers=['step']", "there is no maneuver 'step'"),
         ("causes.noise_std.alpha=0.1", "there is no channel 'alpha'"),
         ("hidden.names=['input-delay']", "there is no effect that can be hidden here 'input-delay'"),
+        ("flight.unrecorded=['theta']", "there is no further channel 'theta'; leave it out"),
+        ("flight.level=true", "key flight.level: this is for the longitudinal axis; leave it out"),
+        ("flight.once='step'", "there is no maneuver 'step'"),
+        ("flight.once='mixed'", "key flight.once: this is for the longitudinal axis; leave it out"),
+        ("flight.optional=0.5", "key flight.optional: this is for the longitudinal axis; leave it out"),
         ("estimate.draws=5", "pseudo-true values are those of the longitudinal axis"),
     ],
 )
