@@ -9,7 +9,7 @@ from functools import cached_property
 
 from ident.compatibility.result import Compatibility
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.alongside import Alongside
+from ident.alongside import Alongside
 from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, Kinematics, agreements, late_instead, worth_of
 
 _WORTH: Mapping[str, int] = {AGREES: 1, IN_KIND: 1, DIFFERS: 1, CONTRADICTS: -1}

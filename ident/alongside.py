@@ -1,4 +1,4 @@
-"""A computation made by a fork of this process while this one goes on: the search and the check of the kinematics need nothing of each other."""
+"""A computation made by a fork of this process while this one goes on: half of a screening, or the check of the kinematics beside a search."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Alongside(Generic[T]):
 
     def begin(self) -> None:
         """Start the fork, once; nothing is done where the system has none that is safe, and where no processor is left for it."""
-        if self._child or not _spare_processor():
+        if self._child or not spare_processor():
             return
         receive, send = os.pipe()
         with warnings.catch_warnings():
@@ -84,7 +84,7 @@ class Alongside(Generic[T]):
         return 1
 
 
-def _spare_processor() -> bool:
+def spare_processor() -> bool:
     """Whether a fork has a processor to itself: on Linux, whose libraries bear a fork beside threads, and not in a worker of many."""
     if not sys.platform.startswith("linux") or multiprocessing.parent_process() is not None:
         return False

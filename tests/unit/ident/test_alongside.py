@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from scenarios.diagnosis.alongside import Alongside
+from ident.alongside import Alongside
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.witness import KinematicWitness
 
@@ -19,7 +19,7 @@ forks = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no fork
 @pytest.fixture(autouse=True)
 def spare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests may run in a worker, or on one processor, where no fork is made."""
-    monkeypatch.setattr("scenarios.diagnosis.alongside._spare_processor", lambda: sys.platform.startswith("linux"))
+    monkeypatch.setattr("ident.alongside.spare_processor", lambda: sys.platform.startswith("linux"))
 
 
 @forks
