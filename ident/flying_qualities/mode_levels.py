@@ -158,7 +158,9 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         root = known["roll_root"]
         out["roll_time_constant"] = np.divide(-1.0, root, out=np.full_like(root, math.inf), where=root < 0)
         out["spiral_time_to_double"] = _doubling(known["spiral_root"])
-    return out | {name: known[name] for name in ("bank_ratio", "delay") if name in known}
+    if "delay" in known:
+        out["delay"] = np.maximum(known["delay"], 0.0)  # a draw below zero is as good as none
+    return out | {name: known[name] for name in ("bank_ratio",) if name in known}
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import control
 
 PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
-DELAY = "delay"
+DELAY, DELAY_STAGE = "delay", "input-delay"  # the parameter and the stage of the low-order equivalent system's own delay
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def state_space(system: System, values: Mapping[str, float], x0: Sequence[float]
         at = ", ".join(f"{name} {value:g}" for name, value in zip(system.state_names, x, strict=True))
         raise ModelError(f"no finite slopes at {at}", where="state_space", remedy="choose another point")
     delays = {"stick": p[system.parameters.index(DELAY)]} if DELAY in system.parameters and "stick" in system.input_names else {}
-    stages = tuple(name for name in (*system.input_stages, *system.sensor_stages) if not (delays and DELAY in name))
+    stages = tuple(name for name in (*system.input_stages, *system.sensor_stages) if not (delays and name == DELAY_STAGE))
     return StateSpace(A, B, C, D, system.states, system.inputs, system.outputs, np.array(x), np.array(u), y0, rates, delays, stages)
 
 

@@ -56,30 +56,33 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
 
 
 def bent(system: System, records: Sequence[Record]) -> str:
-    """The first rate or output that is no linear function of states and inputs over the records' extent; empty where all are."""
+    """The first rate or output that is no linear function of states and inputs, the same at all times, over the records' extent; else empty."""
     p = system.parameters.values()
     with np.errstate(all="ignore"):  # what is not finite at rest is not linear
         model = linear_model(system, p, ())
     names = [f"the rate of {name}" for name in system.state_names] + list(system.output_names)
     matrix = np.block([[model.A, model.B], [model.C, model.D]])
     sizes = np.array([_size(name, records) for name in (*system.state_names, *system.input_names)])
+    times = np.concatenate([np.zeros(1), *(record.time for record in records)])
+    # At sines of no common period, which reach every corner of a few dimensions, and at rest.
+    points = [*(sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k) for k in range(_POINTS)), 0.0 * sizes]
     with np.errstate(all="ignore"):
-        start = _values(system, np.zeros(len(sizes)), p)
-        for k in range(_POINTS):
-            # Sines of no common period reach every corner of a few dimensions.
-            point = sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
-            found, expected = _values(system, point, p) - start, matrix @ point
-            room = STRAIGHT * np.maximum(np.max(np.abs(matrix * sizes), axis=1), 1e-300) + 1e-12 * np.abs(start)
-            off = ~(np.abs(found - expected) <= room)
+        start = _values(system, points[-1], p, np.zeros(1))
+        room = STRAIGHT * np.maximum(np.max(np.abs(matrix * sizes), axis=1), 1e-300) + 1e-12 * np.abs(start[:, 0])
+        for point in points:
+            found, expected = _values(system, point, p, times) - start, matrix @ point
+            off = ~np.all(np.abs(found - expected[:, None]) <= room[:, None], axis=1)
             if np.any(off):
                 return names[int(np.argmax(off))]
     return ""
 
 
-def _values(system: System, point: np.ndarray, p: np.ndarray) -> np.ndarray:
+def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Rates and outputs ``(n + m, T)`` at a point at all times."""
     n = len(system.states)
     x, u = list(point[:n]), list(point[n:])  # numbers of NumPy, whose division by zero is no exception
-    return np.array([*system.f(0.0, x, u, p.tolist()), *system.h(0.0, x, u, p.tolist())], dtype=float)
+    rows = (*system.f(times, x, u, p.tolist()), *system.h(times, x, u, p.tolist()))
+    return np.array([np.broadcast_to(row, times.shape) for row in rows], dtype=float)
 
 
 def _size(name: str, records: Sequence[Record]) -> float:

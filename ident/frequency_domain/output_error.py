@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, Outcome
-from ident.frequency_domain.fit import FrequencyFit, FrequencyProblem, fit_transforms, with_bands
+from ident.frequency_domain.fit import FrequencyFit, FrequencyProblem, at_start, fit_transforms, with_bands
 from ident.frequency_domain.linear_model import bent
 from ident.frequency_domain.noise_spectrum import about_each, coloured, equal_bands, one_band
 from ident.frequency_domain.transform import transformed, usual_band
@@ -68,7 +68,7 @@ def frequency_fit(
     settings = settings or FrequencySettings()
     refuse_unfit(records, system, delays or {})
     problem = _posed(records, system, settings, delays or {})
-    fit = _from_best_start(problem, records)
+    fit = from_best_start(problem, records)
     if fit is not None:
         bands = equal_bands([record.omega for record in problem.records])
         if coloured(fit.residuals, [record.known for record in problem.records], bands, problem.floor):
@@ -155,8 +155,8 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
         raise ModelError(what, where=where, remedy=remedy)
 
 
-def _from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """From the declared values; where these do not settle from equation error as well, if the record has all states."""
+def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
+    """The fit from the declared values; where it does not settle from equation error as well, if the record has all states. None: no finite cost."""
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:
         return first
@@ -166,7 +166,9 @@ def _from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> Fr
         return first
     if found.names != problem.names or not np.all(np.isfinite(found.values)):
         return first
-    second = fit_transforms(replace(problem, start=np.clip(found.values, problem.low, problem.high)))
+    # The prior stays about the declared values: the data are not to be counted twice.
+    begun = at_start(replace(problem, start=np.clip(found.values, problem.low, problem.high)))
+    second = None if begun is None else fit_transforms(problem, begun)
     return min((fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None)
 
 

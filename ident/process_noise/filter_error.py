@@ -85,7 +85,14 @@ def fit_filter_error(
     values = dict(zip(unstable.parameters.names, unstable.parameters.values().tolist(), strict=True))
     mine = started_at(system, {name: value for name, value in values.items() if name in system.parameters})
     again, fit = _fitted(records, mine, settings, unstable, local)
-    return again if fit is not None and fit.outcome is Outcome.CONVERGED else found
+    return again if fit is not None and fit.outcome is Outcome.CONVERGED and _no_worse(again, found) else found
+
+
+def _no_worse(again: Estimate, found: Estimate) -> bool:
+    """Whether a second estimate of the same records may stand for the first: not where it is less sound, or as sound and less likely."""
+    if found.outcome is not Outcome.CONVERGED:
+        return True
+    return again.outcome is Outcome.CONVERGED and again.log_likelihood >= found.log_likelihood
 
 
 def _fitted(records: Sequence[Record], system: System, settings: FitSettings, calm: System, local: Collection[str]) -> tuple[Estimate, Fit | None]:

@@ -42,8 +42,7 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
     Outcome ``NOT_IDENTIFIABLE`` when a direction of the parameters has no influence, ``DIVERGED`` when no finite
     cost was found, ``MAX_ITERATIONS`` when it had not settled, ``DEGENERATE`` when an output is met exactly and another is not.
     Where the start is unstable or its simulation runs away, or a fit from it does not settle, the fit begins from equation error, and a
-    motion that grows beyond what can be
-    followed is cut, which ``message`` tells: see `ident.whole_record.best_start`.
+    motion that grows beyond what can be followed is cut, which ``message`` tells: see `ident.whole_record.best_start`.
 
     Raises
     ------

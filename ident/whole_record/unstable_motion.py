@@ -171,7 +171,7 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
     """Layouts that see the records' beginnings, each twice as long as the one before, then the whole."""
     length = max(float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems)
     span, rough = _FIRST * length / max(growth(layout), _FIRST), replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
-    while span < length:
+    while 0.0 < span < length:  # a growth beyond all numbers leaves no part
         problems = tuple(replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span)) for each in layout.problems)
         if all(np.all(each.valid.any(axis=1) == whole.valid.any(axis=1)) for each, whole in zip(problems, layout.problems, strict=True)):
             yield replace(layout, settings=rough, problems=problems)

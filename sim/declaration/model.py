@@ -152,12 +152,12 @@ class Model:
         return self.equations.name
 
     def with_parameters(self, parameters: ParameterSet) -> Model:
-        """The same model with other parameters."""
-        return replace(self, parameters=parameters)
+        """The same model with other parameters; those that are tied stay at what their tie gives."""
+        return replace(self, parameters=with_tied_values(parameters, self.ties) if self.ties else parameters)
 
     def with_values(self, values: Mapping[str, float]) -> Model:
-        """The same model with some parameter values replaced."""
-        return replace(self, parameters=self.parameters.with_values(values))
+        """The same model with some parameter values replaced, as ``with_parameters``."""
+        return self.with_parameters(self.parameters.with_values(values))
 
     def with_noise(self, noise: Noise) -> Model:
         """The same model with other noise."""

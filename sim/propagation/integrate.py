@@ -36,7 +36,7 @@ def propagate(system: System, p: Sequence[Any], x0: Sequence[Any], drive: Drive,
     """States at all sub-step edges: one array ``(M + 1, ...)`` a state.
 
     ``p`` and ``x0`` are rows; batch axes of their entries, and of the drive, trail. A state that grows
-    without limit is returned as it is (infinite), for the caller to judge.
+    without limit, or comes to where its rates are not defined, is returned as it is (infinite), for the caller to judge.
     """
     f, steps, times = system.f, grid.steps.tolist(), grid.edges.tolist()
     shape = np.broadcast_shapes(*(np.shape(v) for v in [*p, *x0]), *(np.shape(u)[1:] for u in drive.begin))
@@ -53,7 +53,7 @@ def propagate(system: System, p: Sequence[Any], x0: Sequence[Any], drive: Drive,
             u = ([row[m] for row in stages[0]], [row[m] for row in stages[1]], [row[m] for row in stages[2]])
             try:
                 x = step(f, times[m], x, u, p, dt)
-            except OverflowError:
+            except (OverflowError, ZeroDivisionError):
                 history[:, m + 1 :] = np.inf
                 break
             for i, value in enumerate(x):

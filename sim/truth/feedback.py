@@ -46,8 +46,7 @@ def fly_with_feedback(
 
     Raises
     ------
-    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a simulation that
-        diverges.
+    ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a flight that diverges.
     """
     system = compile_model(model, outputs)
     loop = _Loop(system, model, maneuvers, gains)
@@ -145,11 +144,15 @@ def _carried(
     densities: Sequence[float],
     rng: np.random.Generator,
 ) -> list[Any]:
-    """States a sample later under held inputs; ``densities`` force them after each sub-step, variance density times its length."""
+    """States a sample later under held inputs, infinite where rates are not defined; ``densities`` force them after each sub-step, variance density
+    times its length."""
     p, count = loop.system.parameters.values().tolist(), max(1, int(np.ceil(span / step - 1e-9)))
     size = span / count
     for k in range(count):
-        x = [float(value) for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)]
+        try:
+            x = [float(value) for value in method(loop.system.f, begin + k * size, x, (u, u, u), p, size)]
+        except (OverflowError, ZeroDivisionError):
+            return [np.inf] * len(x)
         for i, density in enumerate(densities):
             if density > 0:
                 x[i] += float(np.sqrt(density * size) * rng.standard_normal())

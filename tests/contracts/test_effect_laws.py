@@ -341,8 +341,8 @@ def test_a_held_input_effect_may_stay_online(effect: Effect, base: str) -> None:
 
 
 def files() -> Iterator[str]:
-    """Dotted names of the modules in the station folders, by file."""
-    for path in sorted((ROOT / "sim" / "effects").glob("*/**/*.py"), key=lambda path: path.stem):
+    """Dotted names of the modules in the station folders and the folders in them, by file."""
+    for path in sorted((ROOT / "sim" / "effects").glob("*/**/*.py")):
         if path.stem != "__init__" and path.parent.name != "guards":
             yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
 

@@ -21,15 +21,16 @@ from tests.oracles.varying_parameters import Law, lateral, rigid, spring
 from tests.whole_axes import CONSTANTS, TRUE
 
 
-def spring_model() -> Model:
+def spring_model(unit: float = 1.0) -> Model:
+    """``unit`` : of stiffness and damping, in SI."""
     model = own_model(
         name="spring-mass",
         states={"x": "m", "v": "m/s"},
         inputs={"force": "N"},
         outputs={"x": "m", "acceleration": "m/s2"},
         constants={"m": (2.0, "kg")},
-        parameters={"k": (40.0, "N/m"), "c": (1.3, "N s/m")},
-        flow=lambda s, p: {"a": (s.force - p.c * s.v - p.k * s.x) / p.m},
+        parameters={"k": (40.0 / unit, "N/m"), "c": (1.3 / unit, "N s/m")},
+        flow=lambda s, p: {"a": (s.force - unit * (p.c * s.v + p.k * s.x)) / p.m},
         rates=lambda s, p: {"x": s.v, "v": s.a},
         readings=lambda s, p: {"x": s.x, "acceleration": s.a},
     )
@@ -71,12 +72,14 @@ def stalling(alpha: float) -> float:
     return float(1.0 - 0.6 / (1.0 + np.exp(-(alpha - 0.04) / 0.015)))
 
 
-def test_a_spring_that_hardens_is_a_stiffness_that_depends_on_displacement() -> None:
-    model = spring_model()
+@pytest.mark.parametrize("unit", [1.0, pytest.param(1e6, marks=pytest.mark.slow)])
+def test_a_spring_that_hardens_is_a_stiffness_that_depends_on_displacement(unit: float) -> None:
+    """In newtons as in meganewtons."""
+    model = spring_model(unit)
     records = [spring(hardening, 1), spring(hardening, 2, 0.8)]
     found = diagnosed(model, records, some(model, "sensor-lag:x", "sensor-scale:acceleration", "input-delay"))
     assert found.verdict is Verdict.TRACED and names(found) == ["varies:k(x)"]
-    assert abs(found.after["k"].value - 50.0) < 3.0 * found.after["k"].std
+    assert abs(found.after["k"].value - 50.0 / unit) < 3.0 * found.after["k"].std
     seen = {candidate.name for candidate in found.candidates}
     assert {"varies:k(v)", "varies:c(x)", "varies:c(v)", "varies:k(force)", "varies:c(force)"} < seen, "what was looked at stays as evidence"
 

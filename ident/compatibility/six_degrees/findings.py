@@ -23,8 +23,7 @@ from ident.compatibility.trials import p_value
 def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
     """Every fault by both methods, and the findings, those that stand first."""
     lines, faults = found.lines, found.lines.faults
-    stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
-    stood |= {i: (i, 0.0) for i in found.standing}
+    stood = _stood(found)
     by_other = added(found.output_error)
     estimates: dict[int, SensorEstimate] = {}
     lost: dict[int, float | None] = {}
@@ -42,6 +41,12 @@ def estimates_and_findings(found: Searched) -> tuple[tuple[SensorEstimate, ...],
     rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
     findings += [replace(_finding(estimates[j], faults[j], (), lost[j], stands=False), replicates=j not in found.refused) for j in rest]
     return tuple(estimates.values()), tuple(findings)
+
+
+def _stood(found: Searched) -> dict[int, tuple[int, float]]:
+    """For each fault that stands, or would in its place, the one that stands and what is lost; of two such places the first."""
+    stood = {j: (i, lost) for i, group in reversed(list(zip(found.standing, found.groups, strict=True))) for j, lost in group}
+    return stood | {i: (i, 0.0) for i in found.standing}
 
 
 def _context(found: Searched, j: int, stood: dict[int, tuple[int, float]]) -> tuple[list[int], float | None]:
@@ -95,7 +100,7 @@ def _finding(item: SensorEstimate, fault: SensorFault, group: tuple[str, ...], l
 def by_itself(found: Searched, r: int) -> tuple[SensorEstimate, ...]:
     """Every fault by one record of several, beside the same others as in all."""
     lines = found.lines
-    stood = {j: (i, lost) for i, group in zip(found.standing, found.groups, strict=True) for j, lost in group}
+    stood = _stood(found)
     one, other = lines.smoother[r], found.output_error[r]
     return tuple(_estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common)
 

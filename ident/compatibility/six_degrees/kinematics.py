@@ -11,7 +11,8 @@ h_dot = V [cos(alpha) cos(beta) sin(theta) - sin(beta) sin(phi) cos(theta) - sin
 X = ax - g sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi); w is the wind's climb.
 
 What is not recorded is taken as follows. theta, alpha: constants of the record, fitted. phi, beta: zero. p: the change of phi. r in
-phi_dot: a coordinated turn. q: what holds theta. ax: what holds the airspeed. A load's other terms without it: none.
+phi_dot = p + psi_dot sin(theta): a coordinated turn, psi_dot = g tan(phi)/V. q: what holds theta. ax: what holds the airspeed. A load's
+other terms without it: none.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def _theta(s: Signals, m: _Motion, value: Values) -> np.ndarray:
 def _phi(s: Signals, m: _Motion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
     if "r" not in m.turned:
-        return np.asarray(m.turned["p"] + s.gravity * s.steps * middle(tan * np.tan(m.phi) / m.speed))
+        return np.asarray(m.turned["p"] + s.gravity * s.steps * middle(np.sin(m.theta) * np.tan(m.phi) / m.speed))
     if "q" not in m.turned:
         return np.asarray(m.turned["p"] + m.turned["r"] * middle(tan / np.cos(m.phi)))
     return np.asarray(m.turned["p"] + m.turned["q"] * middle(tan * np.sin(m.phi)) + m.turned["r"] * middle(tan * np.cos(m.phi)))

@@ -103,7 +103,7 @@ def _cost(parts: Sequence[tuple[Signals, np.ndarray, np.ndarray]], count: int, r
         band[1, :-1] = -own[:-1]
         factor, fault = dpbtrf(band, lower=1)
         if fault:
-            return math.inf, 0.0
+            return math.inf, 1.0
         white = dtbtrs(factor, flat, uplo="L")[0]
         e, q = white[:, 0], white[:, 1:]
         gram, right = q.T @ q, q.T @ e

@@ -141,9 +141,9 @@ def _shape_values(problem: RecordProblem, states: np.ndarray, effects: Sequence[
 
 
 def _bus(system: Any, states: np.ndarray, inputs: Sequence[np.ndarray]) -> SimpleNamespace:
-    """States and inputs by name, each ``(n, 1)`` against the shapes; a port that adds to one of them is zero."""
+    """States and inputs by name, each ``(n, 1)`` against the shapes; the port of gusts, which adds to one of them, is zero if it is none of these."""
     named = [*zip(system.state_names, states, strict=True), *zip(system.input_names, inputs, strict=True)]
-    return SimpleNamespace(gust=0.0, **{name: row[:, None] for name, row in named})
+    return SimpleNamespace(**{"gust": 0.0, **{name: row[:, None] for name, row in named}})
 
 
 def _shapes(effect: Any, bus: SimpleNamespace) -> np.ndarray:

@@ -61,7 +61,8 @@ class Varies:
     Attributes
     ----------
     parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called : its name, where that differs. gust : the port
-        that adds to it. state : whether the signal is a state. size : a usual change. alike : the instance with the same product of two signals.
+        that adds to it. state : whether the signal is a state. size : a usual change; ``guessed`` where nothing is known of it, as in a user's own
+        model. alike : the instance with the same product of two signals.
     low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
     """
 
@@ -72,6 +73,7 @@ class Varies:
     gust: str = "gust"
     state: bool = True
     size: float = 6.0
+    guessed: bool = False
     alike: str = "varies:Cm_alpha(q)"
     low: float = -0.15
     high: float = 0.15
@@ -146,11 +148,13 @@ class Varies:
         return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
 
     def fitted_to(self, context: SearchContext) -> Varies:
-        """The same over the range that the records flew; a parameter that is larger than usual may change by more."""
+        """The same over the range that the records flew; one that is larger than usual may change by more, and a guess gives way to its size."""
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
             low, high = self.low, self.high
-        return replace(self, low=low, high=high, size=max(self.size, abs(context.values.get(self.parameter, 0.0))))
+        declared = abs(context.values.get(self.parameter, 0.0))
+        # A guess of one in whatever unit would make what is found depend on the unit.
+        return replace(self, low=low, high=high, size=declared if self.guessed and declared > 0.0 else max(self.size, declared))
 
     def finer(self) -> Varies:
         """The same in the next form, with further shapes."""
@@ -200,16 +204,15 @@ def _every(equations: Equations) -> Iterator[Varies]:
             gust = "gust" if over == angle and "gust" in ports and not own else ""
             alike = "" if own else _same_product(parameter, called, factors)
             size = 1.0 if own else _usual(parameter)
-            yield Varies(parameter, unit, over, called if called != over else "", gust, state, size, alike)
+            yield Varies(parameter, unit, over, called if called != over else "", gust, state, size, own, alike)
 
 
 def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
     """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is ``Cl_beta(p)``; empty where there is none."""
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
-    multiplied = _MULTIPLIED
-    back = next((other for suffix, other in known.items() if multiplied.get(suffix) == signal), "")
-    return name_of(back, multiplied[by]) if back and back != parameter and by in multiplied else ""
+    back = next((other for suffix, other in known.items() if _MULTIPLIED.get(suffix) == signal), "")
+    return name_of(back, _MULTIPLIED[by]) if back and back != parameter and by in _MULTIPLIED else ""
 
 
 def _usual(parameter: str) -> float:

@@ -125,6 +125,13 @@ def test_probabilities_are_gaussian_tails(sigma: float) -> None:
     assert found.determined == (max(np.diff(below)) > DETERMINED)
 
 
+def test_a_delay_that_may_be_none_at_all_is_no_fault() -> None:
+    """Draws below zero are of level 1; above, the limit of 0.1 s is the one that counts."""
+    assert by_mode(of({"delay": 0.01}, 0.02))["delay"].probabilities == (1.0, 0.0, 0.0, 0.0)
+    found = by_mode(of({"delay": 0.05}, 0.05))["delay"]
+    assert found.probabilities[0] == pytest.approx(norm.cdf(1.0), abs=4.0 * 0.5 / math.sqrt(DRAWS)) and found.probabilities[3] < 1e-3
+
+
 def test_probabilities_are_shares_of_drawn_aircraft() -> None:
     """Derivatives known to 10 %: the damping of the Dutch roll crosses its limit in some of the aircraft."""
     system, estimate = drawn_estimate("lateral", 0.1)

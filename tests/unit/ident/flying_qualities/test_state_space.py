@@ -12,6 +12,7 @@ from ident.flying_qualities.state_space import StateSpace, state_space, to_contr
 from ident.flying_qualities.whole_axes import level_flight
 from scenarios.preparation.vehicle_model import model_of_file
 from sim.declaration.compile import compile_model
+from sim.effects.library import find_effect
 from sim.errors import ModelError
 from sim.maneuvers.steps import doublet, three_two_one_one
 from sim.truth.flight import fly, sample_times
@@ -136,6 +137,14 @@ def test_a_delay_is_told_and_approximated() -> None:
     np.testing.assert_allclose(found, exact, rtol=1e-4)
     without = np.squeeze(control.frequency_response(to_control(space, pade=0), omega).complex)
     np.testing.assert_allclose(without * np.exp(-0.12j * omega), exact, rtol=1e-9)
+
+
+def test_a_sensor_that_is_late_is_left_out_and_told() -> None:
+    """The stick's own delay is told as one; a delay of a sensor is in no matrix."""
+    model = model_of_file(LOES)
+    late = compile_model(model.with_effects(find_effect("sensor-delay:q", model.equations)))
+    space = state_space(late, {})
+    assert set(space.delays) == {"stick"} and space.left_out == ("sensor-delay:q",)
 
 
 def test_an_input_that_passes_through_is_delayed_as_well() -> None:

@@ -11,7 +11,7 @@ import pytest
 from ident.estimate import Estimate, Outcome
 from ident.frequency_domain.fit import fit_transforms
 from ident.frequency_domain.noise_spectrum import coloured, equal_bands
-from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit
+from ident.frequency_domain.output_error import FrequencySettings, fit_frequency_domain, frequency_fit, from_best_start
 from ident.statistics.shares import clustered_share
 from ident.whole_record.output_error import fit_output_error
 from scenarios.identification.frequency import delays_of
@@ -154,6 +154,17 @@ def test_a_bound_is_kept() -> None:
     assert fit is not None and fit.theta[problem.names.index("Cm_alpha")] == low
     again = fit_transforms(fit.problem, fit)
     assert again is not None and again.iterations <= 2 and again.cost == pytest.approx(fit.cost, abs=1e-6)
+
+
+def test_a_prior_stays_where_it_was_declared_when_the_fit_begins_elsewhere() -> None:
+    """A fit that does not settle is begun at equation error as well: a tight prior far from the truth still holds the parameter where it is."""
+    case, (system, _) = case_of("rigid", 2), system_for("rigid")
+    far = 0.5 * case.true["Cm_alpha"]
+    held = replace(system, parameters=system.parameters.with_values({"Cm_alpha": far}).with_prior({"Cm_alpha": 1e-6}))
+    _, problem = frequency_fit([case.record], held, FrequencySettings(use_priors=True))
+    found = from_best_start(replace(problem, iterations=1), [case.record])
+    assert found is not None and found.outcome is not Outcome.CONVERGED and found.problem.start.tolist() == problem.start.tolist()
+    assert found.theta[problem.names.index("Cm_alpha")] == pytest.approx(far, abs=0.01 * abs(far))
 
 
 @pytest.mark.slow

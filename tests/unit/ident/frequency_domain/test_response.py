@@ -9,10 +9,12 @@ from ident.frequency_domain.linear_model import bent, linear_model
 from ident.frequency_domain.response import Delay, response
 from ident.frequency_domain.transform import step_of, transformed, usual_band
 from sim.declaration.compile import compile_model
+from sim.effects.library import find_effect
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
 from tests.bases import longitudinal_model, rigid_model
 from tests.linear_problem import oscillator, record_of
+from tests.rigid_problem import rigid_record
 
 STEP, COUNT, FINE = 0.05, 60, 20
 
@@ -88,6 +90,14 @@ def test_what_is_not_linear_is_named() -> None:
     rng = np.random.default_rng(1)
     assert bent(compile_model(rigid_model()), []) == "" and bent(compile_model(oscillator()), [record_of(rng)]) == ""
     assert bent(compile_model(longitudinal_model()), []) == "the rate of airspeed"
+
+
+@pytest.mark.parametrize("name", ["derivative-jump", "unmeasured-input", "gust-discrete"])
+def test_what_changes_with_time_is_named(name: str) -> None:
+    """Linear at each time, but with no response at a frequency: what happens at a time would otherwise be lost without a word."""
+    model = rigid_model()
+    system = compile_model(model.with_effects(find_effect(name, model.equations)))
+    assert bent(system, [rigid_record(np.random.default_rng(0))]) != ""
 
 
 def test_records_that_have_no_transform() -> None:

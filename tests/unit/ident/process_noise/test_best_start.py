@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
+from ident.process_noise import filter_error
 from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start
 from ident.process_noise.filter_error import fit_filter_error
 from ident.process_noise.filter_error_fit import third_differences
@@ -42,6 +43,24 @@ def test_an_unstable_aircraft_is_found_in_still_and_in_rough_air(gust: float) ->
     assert np.max(np.abs(scores)) < 4.5
     # In still air no intensity is found beyond its own sigma.
     assert gust > 0.0 or estimate.value("gust-turbulence.sigma") < estimate.sigma("gust-turbulence.sigma")
+
+
+@pytest.mark.slow
+def test_a_start_that_hides_an_unstable_aircraft_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Declared stable: what settles from there is far less likely than the truth, and is not returned; a second start that is worse is not either."""
+    record, start = flown_in_a_loop(np.random.default_rng(2)), fighter_start(1.0)
+    hidden = start.with_parameters(start.parameters.with_values({"Cm_alpha": -0.3}))
+    rough, calm = compile_model(hidden.with_effects(GustTurbulence())), compile_model(hidden)
+    found = fit_filter_error([record], rough, SETTINGS, calm=calm)
+    at = [found.names.index(name) for name in DERIVATIVES]
+    assert found.outcome is Outcome.CONVERGED and np.max(np.abs((found.values[at] - TRUE) / found.std[at])) < 4.5
+    monkeypatch.setattr(filter_error, "started_unstable", lambda *_: None)
+    first = fit_filter_error([record], rough, SETTINGS, calm=calm)
+    assert first.outcome is Outcome.CONVERGED and first.log_likelihood < found.log_likelihood - 100.0
+    true = compile_model(start)
+    monkeypatch.setattr(filter_error, "started_unstable", lambda *_: calm)
+    kept = fit_filter_error([record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=true)
+    assert kept.log_likelihood > first.log_likelihood + 100.0
 
 
 def with_alpha(record: Record, values: np.ndarray) -> Record:

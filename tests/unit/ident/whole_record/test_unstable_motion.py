@@ -14,9 +14,9 @@ from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_covariance, fit_output_error
-from ident.whole_record.unstable_motion import GROWN, growth, projected_covariance
+from ident.whole_record.unstable_motion import GROWN, fit_unstable, growth, projected_covariance
 from sim.declaration.compile import compile_model
-from sim.record import Record
+from sim.record import Channel, Record
 from tests.bases import fly, rigid_flight, rigid_model
 from tests.rigid_problem import noisy, rigid_record
 from tests.turbulence import calm_model
@@ -44,6 +44,17 @@ def test_growth_is_that_of_the_fastest_root() -> None:
     assert growth(layout) > 2.0 * GROWN
     stable = lay_out([rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS)
     assert growth(stable) == 0.0 and quiet(stable) and not runs_away(stable)
+
+
+def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:
+    """No part of the record is short enough for it, and the first sample, in which every part would begin, is missing."""
+    record, start = flown_in_a_loop(np.random.default_rng(0), duration=4.0), fighter_start(off(0))
+    alpha = record["alpha"].values.copy()
+    alpha[0] = np.nan
+    gappy = replace(record, outputs=tuple(Channel.of("alpha", "rad", alpha) if c.name == "alpha" else c for c in record.outputs))
+    wild = start.with_parameters(start.parameters.with_values({"CL_alpha": 1e308, "Cm_alpha": 1e308}))
+    layout = lay_out([gappy], compile_model(wild), SETTINGS)
+    assert growth(layout) == np.inf and fit_unstable(layout) is None
 
 
 @pytest.mark.parametrize("size", [pytest.param(0.03, marks=pytest.mark.slow), 0.003])

@@ -89,10 +89,6 @@ FAULTS: list[tuple[dict[str, Any], str]] = [
     (rated(lambda s, p: abs(s.p)), ": the rate of p loses a complex step of p: the slope is 1, not 0; use sin, "),
     (rated(lambda s, p: s.p * abs(s.p)), ": the rate of p loses a complex step of p: "),
     (rated(lambda s, p: p.L_p.real * s.p), ": the rate of p loses a complex step of L_p: "),
-    (rated(lambda s, p: np.ones(3)), "model roll, rates: the rate of p of shape (3,) where all signals are single numbers; "),
-    ({"rates": lambda s: {"p": s.p, "phi": s.p}}, "model roll, rates: it takes (s), not (s, p); "),
-    ({"readings": lambda s, p, t: {"p": s.p, "phi": s.phi}}, "model roll, readings: it takes (s, p, t), not (s, p); "),
-    ({"flow": lambda: {}}, "model roll, flow: it takes (), not (s, p); "),
     (rated(lambda s, p: s.p if s.p else 0.0 * s.p), ": ValueError: The truth value of an array"),
 ]
 

@@ -39,6 +39,8 @@ def test_the_tied_parameter_is_held_at_its_tie() -> None:
     start = rigid_start().parameters
     assert not model.parameters["Cm_q"].free
     assert model.parameters["Cm_q"].value == pytest.approx(20.0 * start["Cm_alpha"].value - 0.5 * start["CL_alpha"].value - 0.3)
+    moved = model.with_values({"Cm_alpha": -1.0, "Cm_q": 5.0})
+    assert moved.parameters["Cm_q"].value == pytest.approx(-20.0 - 0.5 * start["CL_alpha"].value - 0.3), "it follows, whatever it is given"
     assert TIE.words == "Cm_q = 20 Cm_alpha - 0.5 CL_alpha - 0.3"
 
 

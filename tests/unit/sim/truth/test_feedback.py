@@ -97,4 +97,7 @@ def test_what_cannot_be_closed_is_refused() -> None:
         fly_with_feedback(fighter().with_noise(Noise({}, {"Cm_q": 1.0})), PILOT, GAINS, TIME, seeded())
     with pytest.raises(ModelError, match="diverges at"):
         fly_with_feedback(quiet(), PILOT, {"elevator": {"alpha": -500.0}}, sample_times(25.0, 60.0), seeded())
+    still = longitudinal_model().with_noise(Noise())
+    with pytest.raises(ModelError, match="diverges at 0 s"):  # rates over an airspeed that is none
+        fly_with_feedback(still.with_initial(still.initial.with_values({"airspeed": 0.0})), {}, {}, TIME, seeded())
     assert compile_model(quiet()).output_names == ("alpha", "q", "nz")

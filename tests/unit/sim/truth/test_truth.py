@@ -21,6 +21,7 @@ from sim.truth.measurement import Measurement
 from sim.vehicles.factory import ballistic_model, rigid_model
 from sim.vehicles.library import read_parameter_set
 from sim.vehicles.linear import linearise
+from tests.bases import longitudinal_model
 
 MANEUVER = three_two_one_one(0.10471, 0.5, 1.0)
 STD = {"alpha": 0.002, "q": 0.003, "nz": 0.02}
@@ -30,6 +31,12 @@ QUIET = Measurement(std={})
 
 def rigid(noise: Noise | None = None) -> Model:
     return rigid_model(read_parameter_set("bomber_rigid"), noise)
+
+
+def without_airspeed() -> Model:
+    """Rates over an airspeed that is none."""
+    model = longitudinal_model()
+    return model.with_initial(model.initial.with_values({"airspeed": 0.0}))
 
 
 def generator(seed: int = 1) -> np.random.Generator:
@@ -204,6 +211,7 @@ def test_chosen_outputs_only() -> None:
         (lambda: fly(rigid(Noise({}, {"nonsense": 1.0})), None, TIME, generator()), "nonsense"),
         (lambda: fly(rigid(), None, TIME, generator(), measurement=Measurement(missing={"theta": 0.1})), "theta"),
         (lambda: fly(rigid().with_values({"Cm_alpha": 1e5}), MANEUVER, sample_times(1.0, 60.0), generator(), step=0.01), "diverges at"),
+        (lambda: fly(without_airspeed(), None, TIME, generator()), "diverges at"),
         (lambda: Measurement(missing={"q": 1.0}), "share of missing"),
         (lambda: Measurement(std={"q": -1.0}), "standard deviation"),
         (lambda: Measurement(correlation_time={"q": 0.0}), "correlation time"),

@@ -9,7 +9,8 @@ from ident.compatibility.faults import SensorFault
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.channels import ready, recorded, relations
 from ident.compatibility.six_degrees.unknowns import evaluate, faults_of, linearised, unknowns_of
-from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, WHOLE, Faults, fly, shown
+from sim.record import Channel, Record
+from tests.oracles.six_degrees import LATERAL, NOISE, SPEED, UNITS, WHOLE, Faults, fly, shown
 from tests.unit.ident.compatibility.six_degrees.planting import planted, size_of
 
 
@@ -40,6 +41,16 @@ def test_a_true_flight_is_reconstructed(channels: tuple[str, ...], most: float) 
     s = signals(channels, Faults(), rate=100.0)
     assert len(s.outputs) == (7 if len(channels) == 13 else 2)
     assert np.abs(left(s)).max() < most
+
+
+def test_a_climbing_turn_without_yaw_rate_keeps_its_bank() -> None:
+    """The heading turns by g tan(phi)/V, and the axis of roll points up by theta: p = -psi_dot sin(theta) holds the bank."""
+    time, bank, climb = np.arange(500) / 25.0, 0.5, 0.6
+    p = -9.80665 * np.tan(bank) / SPEED * np.sin(climb)
+    record = Record(time, (), tuple(Channel.of(n, UNITS[n], np.full(500, v)) for n, v in (("p", p), ("phi", bank), ("theta", climb))))
+    s = ready(record, recorded(record), SPEED, 9.80665, 0.0)[0]
+    own = np.array([bank if item.key == ("start", "phi") else 0.0 for item in unknowns_of(s)])
+    assert np.abs(evaluate(s, unknowns_of(s), (), own[None], np.zeros((1, 0)))[0, 0] - bank).max() < 1e-9
 
 
 ALL_FAULTS = faults_of(signals(WHOLE, Faults()))

@@ -17,8 +17,11 @@ from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.curves.varies import Varies
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
 from sim.vehicles.short_period import ShortPeriod
+from tests.bases import three_two_one_one
+from tests.own_models import roll
 from tests.tracing_problem import declared, fit_of, planted, problem_of, with_output
 from tests.whole_axes import CONSTANTS, TRUE, flown
 
@@ -90,6 +93,17 @@ def test_on_whole_axes_as_well(model: str) -> None:
     apart = {finding.effect.name: finding.gain for finding in screen(fitted, instances(fitted), context)}
     assert len(apart) > 25
     assert all(abs(finding.gain - apart[finding.effect.name]) < 0.1 for finding in screen_varying(fitted, instances(fitted), context))
+
+
+def test_a_signal_of_an_own_model_may_have_the_name_of_a_port() -> None:
+    model = roll(inputs={"gust": "rad"}, rates=lambda s, p: {"p": p.L_p * s.p + p.L_da * s.gust, "phi": s.p}).with_biases(["p", "phi"])
+    time, rng = np.arange(151) / 25.0, np.random.default_rng(0)
+    inputs = (Channel.of("gust", "rad", three_two_one_one(time, size=0.08)),)
+    record = Record(time, inputs, tuple(Channel.of(name, unit, 0.01 * rng.standard_normal(151)) for name, unit in (("p", "rad/s"), ("phi", "rad"))))
+    fitted = TraceProblem([record], measured_masks([record], ["p", "phi"]), model, (), ["p", "phi"], TraceSettings()).fit((), None)
+    assert fitted is not None
+    over = [effect for effect in instances(fitted) if effect.over == "gust"]
+    assert {finding.effect.name for finding in screen_varying(fitted, over, search_context(fitted))} == {"varies:L_p(gust)", "varies:L_da(gust)"}
 
 
 def test_behind_a_late_input_the_drive_is_the_late_one() -> None:

@@ -175,6 +175,8 @@ def test_of_an_own_model_what_multiplies_a_signal_may_vary() -> None:
     context = SearchContext(0.0, 10.0, 0.02, flown={"x": (-0.4, 0.5)}, values={"k": 50.0})
     stiffness = found[0].fitted_to(context)
     assert stiffness.size == 50.0 and stiffness.parameters[0].unit == "N/m"
+    # In MN/m it is the same spring: the usual change follows the unit. Of a parameter that is declared as zero nothing is known.
+    assert [found[0].fitted_to(replace(context, values={"k": k})).size for k in (5e-5, 0.0)] == [5e-5, 1.0]
     system = compile_model(model.with_effects(stiffness).with_values({"varies:k(x).shape1": 8.0, "varies:k(x).shape2": 0.0}))
     rate = system.f(0.0, [0.2, 0.0], [0.0], system.parameters.values().tolist())[1]
     # Of a straight line over a range of width w about m, as large as one in the mean square about zero: slope 1/sqrt(m^2 + w^2/12).
