@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from ident.alongside import Alongside
 from ident.compatibility.result import Compatibility
 from ident.tracing.diagnosis import Claim, Quantity
-from ident.alongside import Alongside
 from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, Kinematics, agreements, late_instead, worth_of
 
 _WORTH: Mapping[str, int] = {AGREES: 1, IN_KIND: 1, DIFFERS: 1, CONTRADICTS: -1}

@@ -7,6 +7,7 @@ the rest. gain = -(N/2) ln(1 - explained share) (score test with nuisance parame
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,7 +64,7 @@ def _in_two(found: Callable[[Sequence[int]], dict[int, Finding]], effects: Seque
 
     def others() -> tuple[dict[int, tuple[Any, ...]], list[tuple[str, int]]]:
         told: list[tuple[str, int]] = []
-        with np.errstate(call=(lambda kind, flag: told.append((kind, flag))) if callable(counter) else counter):
+        with np.errstate(call=lambda kind, flag: told.append((kind, flag))) if callable(counter) else nullcontext():
             findings = found(range(1, len(effects), 2))
         # An effect of a user's own file does not go through a pipe; all else of a finding are numbers.
         return {place: (one.gain, one.parameters, one.starts, one.gains, one.contribution) for place, one in findings.items()}, told
@@ -72,8 +73,9 @@ def _in_two(found: Callable[[Sequence[int]], dict[int, Finding]], effects: Seque
     beside.begin()
     mine = found(range(0, len(effects), 2))
     theirs, told = beside.result()
-    for kind, flag in told if callable(counter) else ():
-        counter(kind, flag)
+    if callable(counter):
+        for kind, flag in told:
+            counter(kind, flag)
     return mine | {place: Finding(effects[place], *numbers) for place, numbers in theirs.items()}
 
 
