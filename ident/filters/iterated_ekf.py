@@ -8,6 +8,7 @@ linearisation moves, so no datum counts twice.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, filter_record
 from ident.filters.problem import filter_problem
-from ident.filters.smoother import smooth
+from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.system import System
 from sim.record import Record
 
@@ -39,12 +40,17 @@ def run_iterated_ekf(record: Record, system: System, settings: FilterSettings | 
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = filter_record(problem, settings)
+    first = filter_record(problem, settings)
+    return settled(first, lambda done: filter_record(problem, settings, about=done.mean), iterations)
+
+
+def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int) -> Estimate:
+    """Passes about the smoothed result of the one before, until no parameter moves by more than a hundredth of its sigma."""
     if estimate.outcome is not Outcome.CONVERGED:
         return estimate
     for done in range(2, iterations + 1):
         assert estimate.history is not None
-        again = filter_record(problem, settings, about=smooth(estimate.history).mean)
+        again = further(smooth(estimate.history))
         if again.outcome is not Outcome.CONVERGED:
             return replace(estimate, message="a further linearisation broke down; this is the pass before it")
         moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)

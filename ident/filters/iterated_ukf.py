@@ -8,16 +8,17 @@ counts twice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import SETTLED, FilterSettings
+from ident.filters.ekf import FilterSettings
 from ident.filters.history import HistoryKeeper, breakdown
+from ident.filters.iterated_ekf import settled
 from ident.filters.problem import FilterProblem, filter_problem, with_free
-from ident.filters.smoother import SmoothedHistory, smooth
+from ident.filters.smoother import SmoothedHistory
 from ident.filters.transition import log_gaussian
 from ident.filters.ukf import filter_by_points, roots
 from sim.declaration.system import System
@@ -49,19 +50,8 @@ def run_iterated_ukf(
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    estimate = filter_by_points(problem if first is None else filter_problem(record, first, settings.max_step), settings)
-    if estimate.outcome is not Outcome.CONVERGED:
-        return estimate
-    for done in range(2, iterations + 1):
-        assert estimate.history is not None
-        again = _pass_about(problem, settings, smooth(estimate.history))
-        if again.outcome is not Outcome.CONVERGED:
-            return replace(estimate, message="a further linearisation broke down; this is the pass before it")
-        moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
-        estimate = replace(again, iterations=done)
-        if moved < SETTLED:
-            return estimate
-    return replace(estimate, outcome=Outcome.MAX_ITERATIONS)
+    begun = filter_by_points(problem if first is None else filter_problem(record, first, settings.max_step), settings)
+    return settled(begun, lambda done: _pass_about(problem, settings, done), iterations)
 
 
 @dataclass(frozen=True, eq=False)

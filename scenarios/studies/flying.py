@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -80,30 +81,17 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     if flight.own is not None:
         by_input = held_alike(by_input, flight.maneuvers, time)
     measured = [name for name in (signal.name for signal in model.equations.outputs) if name in flight.noise_std]
+    common: dict[str, Any] = {
+        "step": min(flight.step, 1.0 / flight.rate),
+        "method": STEPS[flight.integration],
+        "outputs": measured,
+        "distance": DISTANCES[scenario.distance],
+        "name": scenario.name,
+    }
+    rng = np.random.default_rng(seed)
     if flight.feedback:
-        return fly_with_feedback(
-            model,
-            by_input,
-            flight.feedback,
-            time,
-            np.random.default_rng(seed),
-            step=min(flight.step, 1.0 / flight.rate),
-            method=STEPS[flight.integration],
-            outputs=measured,
-            distance=DISTANCES[scenario.distance],
-            name=scenario.name,
-        )
-    return fly(
-        model,
-        by_input,
-        time,
-        np.random.default_rng(seed),
-        step=min(flight.step, 1.0 / flight.rate),
-        method=STEPS[flight.integration],
-        outputs=measured,
-        distance=DISTANCES[scenario.distance],
-        name=scenario.name,
-    )
+        return fly_with_feedback(model, by_input, flight.feedback, time, rng, **common)
+    return fly(model, by_input, time, rng, **common)
 
 
 def resting(model: Model) -> dict[str, float]:
