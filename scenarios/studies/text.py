@@ -15,6 +15,7 @@ from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
+from scenarios.terminal.quantities import determined
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
 
@@ -40,6 +41,11 @@ def print_study(study: Study, out: Console | None = None) -> None:
             print_paragraph(out, note, indent=0)
 
 
+def _known(row: Row) -> bool:
+    """Whether the record says anything of a parameter; what was held without a sigma is known."""
+    return not row.std > 0.0 or determined(row.estimate, row.std)
+
+
 def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
@@ -53,8 +59,8 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     if any(row.condensed is not None for row in rows):
         columns.append(Column("condensed", [_or_dash(row.condensed) for row in rows]))
     columns += [
-        Column("estimate", [number(row.estimate, row.std) for row in rows]),
-        Column("+- sigma", [number(row.std, row.std) for row in rows]),
+        Column("estimate", [number(row.estimate, row.std) if _known(row) else "not determined" for row in rows]),
+        Column("+- sigma", [number(row.std, row.std) if _known(row) else "-" for row in rows]),
         Column("error %", [_or_dash(row.percent, ".2f") for row in rows]),
         Column("error, sigmas", [_or_dash(row.sigmas, "+.2f") for row in rows]),
     ]
