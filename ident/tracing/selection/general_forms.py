@@ -47,7 +47,8 @@ def alone(ledger: Ledger, base: FittedModel, first: Sequence[FittedModel] = ()) 
     """
     if not ledger.problem.general or has_process_noise(base.system) or any(is_white(fitted) for fitted in (base, *first)):
         return Alone()
-    told, fitted = _added(ledger, base, thresholds.GENERAL_FITTED)
+    named = max((base.fit.cost - fitted.fit.cost for fitted in first), default=0.0)
+    told, fitted = _added(ledger, base, thresholds.GENERAL_FITTED, named)
     return Alone(tuple(fitted), told.evidence[len(ledger.evidence) :], True)
 
 
@@ -103,8 +104,11 @@ def _is_named(ledger: Ledger, best: FittedModel) -> bool:
     return not several and is_white(best, ledger.problem.settings.white)
 
 
-def _added(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[FittedModel]]:
-    """The best few instances added to a set: those fits that bring enough, in a freer form where that brings enough, too."""
+def _added(ledger: Ledger, start: FittedModel, most: int, named: float = 0.0) -> tuple[Ledger, list[FittedModel]]:
+    """The best few instances added to a set: those fits that bring enough, in a freer form where that brings enough, too.
+
+    ``named`` is what the best named effect brings beside that set: an instance that is far behind it is given no freer form.
+    """
     problem = ledger.problem
     accept, number = problem.settings.accept, len(problem.general)
     findings = screen_varying(start, cast(Sequence[Varying], problem.general), search_context(start, problem.predicted))
@@ -118,7 +122,8 @@ def _added(ledger: Ledger, start: FittedModel, most: int) -> tuple[Ledger, list[
         ledger, child = best_fit(ledger, start, finding, 1)
         if child is None or not stands_out_somewhere(child, finding.effect):
             continue
-        ledger, child = _freer(ledger, start, child)
+        if start.fit.cost - child.fit.cost >= thresholds.RIVAL * named:
+            ledger, child = _freer(ledger, start, child)
         fitted[place] = child
         if gain(start, child, accept) > accept + choice_price(number):
             found.append(child)
@@ -133,6 +138,11 @@ def _with_named(ledger: Ledger, sets: Sequence[FittedModel]) -> tuple[Ledger, li
     best = min(sets, key=lambda fitted: fitted.criterion)
     borrowed = ledger.renewed(thresholds.LEFT_FOR_GENERAL).kept(best, _total(ledger, best))
     borrowed, children = expand(borrowed, best, len(best.foreground) + 1)
+    least = min(children, key=lambda child: child.criterion, default=None)
+    if least is not None and not leaving_noise(ledger, children):
+        # The curve took part of what the named effect does: only beside it more of its shapes bring enough.
+        _, freer = _freer(borrowed, best, least)
+        children = [*children, freer]
     return ledger.told(evidence=borrowed.evidence[len(ledger.evidence) :]), [m for m in leaving_noise(ledger, children) if not m.guards]
 
 
