@@ -69,19 +69,19 @@ def fit(
             step = bounded_inverse(information) @ gradient
             if float(gradient @ step) < _SMALL:
                 break
-            here = _misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+            here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
             for share in (1.0, 0.5, 0.2, 0.05, 0.01):
                 moved = np.split(share * step, np.cumsum([len(o) for o in own]))
                 trial, size = [o + d for o, d in zip(own, moved, strict=False)], np.clip(sizes + moved[-1], -largest, largest)
                 shown = [evaluate(s, u, faults, o[None], size[None])[:, 0] for s, u, o in zip(signals, unknowns, trial, strict=True)]
-                if _misfit(signals, priors, trial, shown, whiteners) < here:
+                if misfit(signals, priors, trial, shown, whiteners) < here:
                     break
             else:
                 break
             own, sizes = trial, size
             lines = [linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)]
         before = noise.logs
-        residuals = tuple(_residual(s, y) for s, (y, _) in zip(signals, lines, strict=True))
+        residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True))
         columns = tuple(np.where(s.valid[:, :, None], slope[:, :, : len(o)], 0.0) for s, (_, slope), o in zip(signals, lines, own, strict=True))
         noise, cost = settled_noise(
             NoiseEvidence(tuple(signals), residuals, columns, tuple(priors), begun), noise, 6 if begin is None and turn == 0 else 2
@@ -94,7 +94,7 @@ def fit(
     )
 
 
-def _misfit(
+def misfit(
     signals: Sequence[Signals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
@@ -104,7 +104,7 @@ def _misfit(
     """Half the sum of squares under given noise, priors included."""
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
-        residual = _residual(s, y)
+        residual = residual_of(s, y)
         # What runs away is no candidate, and its square no number.
         if not np.all(np.abs(residual) < 1e6):
             return float("inf")
@@ -132,7 +132,7 @@ def least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
     lines = list(zip(found.outputs, found.jacobians, strict=True))
     priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
     information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
-    here = _misfit(found.signals, priors, found.own, found.outputs, whiteners)
+    here = misfit(found.signals, priors, found.own, found.outputs, whiteners)
     return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
 
@@ -163,7 +163,7 @@ def _normal(
     faults = lines[0][1].shape[2] - len(own[0])
     information, gradient, at = np.zeros((total + faults, total + faults)), np.zeros(total + faults), 0
     for s, prior, o, (y, slope), white in zip(signals, priors, own, lines, whiteners, strict=True):
-        columns = np.concatenate([_residual(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2)
+        columns = np.concatenate([residual_of(s, y)[:, :, None], np.where(s.valid[:, :, None], slope, 0.0)], axis=2)
         all_columns = white(columns).reshape(-1, columns.shape[2])
         product = all_columns.T @ all_columns
         where = np.concatenate([np.arange(at, at + len(o)), total + np.arange(faults)])
@@ -175,6 +175,7 @@ def _normal(
     return information, gradient
 
 
-def _residual(s: Signals, y: np.ndarray) -> np.ndarray:
+def residual_of(s: Signals, y: np.ndarray) -> np.ndarray:
+    """Measured less reconstructed ``(m, N)``, zero where a sample is missing."""
     measured = np.array([s.channels[name] for name in s.outputs])
     return np.where(s.valid, measured - y, 0.0)

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ident.frequency_domain.fit import FrequencyFit, fit_transforms
+from ident.statistics import profile
 from ident.statistics.information import inverse_information
-from ident.statistics.profile import ProfileInterval, profile_interval
+from ident.statistics.profile import ProfileInterval
 
 
 def profile_intervals(fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray) -> tuple[ProfileInterval, ...]:
     """Intervals of the parameters ``names``; ``covariance (q, q)`` as it is printed, by which the threshold grows with the noise's colour."""
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
-    out = []
-    for name in names:
-        j = fit.problem.names.index(name)
-        sigma, white = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (covariance, inverse))
-        bounds = float(fit.problem.low[j]), float(fit.problem.high[j])
-        refit = _refit(fit, j, inverse[:, j] / inverse[j, j])
-        out.append(profile_interval(name, float(fit.theta[j]), sigma, fit.cost, refit, bounds, max((sigma / white) ** 2, 1.0)))
-    return tuple(out)
+    problem = fit.problem
+    places = {name: problem.names.index(name) for name in names}
+    return profile.profile_intervals(places, fit.theta, fit.cost, (covariance, inverse), (problem.low, problem.high), partial(_refit, fit))
 
 
 def _refit(fit: FrequencyFit, j: int, along: np.ndarray) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:

@@ -8,9 +8,11 @@ A sigma is the curvature at the maximum; where the likelihood is no parabola (a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+import numpy as np
 
 DROP = 4.0  # of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
 LEVEL = math.erf(math.sqrt(DROP / 2.0))
@@ -70,6 +72,31 @@ class _Side(Generic[State]):
         cost, self.state = found
         self.better = max(self.better, self.cost - cost)
         return math.sqrt(max(2.0 * (cost - self.cost), 0.0))
+
+
+def profile_intervals(
+    names: Mapping[str, int],
+    theta: np.ndarray,
+    cost: float,
+    covariances: tuple[np.ndarray, np.ndarray],
+    bounds: tuple[np.ndarray, np.ndarray],
+    refit_along: Callable[[int, np.ndarray], Refit[State]],
+) -> tuple[ProfileInterval, ...]:
+    """Intervals of several parameters of a fit at ``theta (n,)`` with minus the log likelihood ``cost``.
+
+    Parameters
+    ----------
+    names : with their places in ``theta``. bounds : lowest and highest ``theta``.
+    covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger the threshold is too.
+    refit_along : the refits of the parameter at a place, and how the others go with it by the curvature at the maximum, ``(n,)``.
+    """
+    printed, white = covariances
+    out = []
+    for name, j in names.items():
+        sigma, sharp = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (printed, white))
+        refit, limits = refit_along(j, white[:, j] / white[j, j]), (float(bounds[0][j]), float(bounds[1][j]))
+        out.append(profile_interval(name, float(theta[j]), sigma, cost, refit, limits, max((sigma / sharp) ** 2, 1.0)))
+    return tuple(out)
 
 
 def profile_interval(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ident.statistics import profile
 from ident.statistics.information import inverse_information
-from ident.statistics.profile import ProfileInterval, profile_interval
+from ident.statistics.profile import ProfileInterval
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, carried, fit_whole_records
 from ident.whole_record.noise_model import NoiseModel
@@ -28,15 +30,10 @@ def profile_intervals(
     noise_at : the noise model with its unknowns started at a theta; None leaves it as it is.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
-    out = []
-    for name in names:
-        j = fit.layout.shared.index(name)
-        sigma, white = (float(np.sqrt(max(each[j, j], 1e-300))) for each in (covariance, inverse))
-        along = inverse[:, j] / inverse[j, j]
-        bounds = float(fit.layout.low[j]), float(fit.layout.high[j])
-        refit = _refit(fit, j, along, noise_at or (lambda at, theta: at.noise_model))
-        out.append(profile_interval(name, float(fit.theta[j]), sigma, fit.cost, refit, bounds, max((sigma / white) ** 2, 1.0)))
-    return tuple(out)
+    layout, begun = fit.layout, noise_at or (lambda at, theta: at.noise_model)
+    places = {name: layout.shared.index(name) for name in names}
+    refits = partial(_refit, fit, noise_at=begun)
+    return profile.profile_intervals(places, fit.theta, fit.cost, (covariance, inverse), (layout.low, layout.high), refits)
 
 
 def _refit(

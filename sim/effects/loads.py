@@ -14,16 +14,19 @@ def load_parameters(sizes: Sequence[float], units: Sequence[str], ports: Sequenc
     return tuple(Parameter(name, size, unit) for name, size, unit in zip(ports, sizes, units, strict=True))
 
 
-# Coefficients by port, of the aircraft and of the low-order equivalent system; the end of a derivative's name and its signal by what it multiplies.
+# Coefficients by port, of the aircraft and of the low-order equivalent system.
 _COEFFICIENTS = {"lift": ("CL", "L"), "moment": ("Cm", "M"), "side_force": ("CY",), "roll": ("Cl",), "yaw": ("Cn",)}
-_MULTIPLIED = {
-    **{"alpha_air": ("alpha", "alpha"), "q_hat": ("q", "q"), "q": ("q", "q"), "elevator": ("de", "elevator"), "delta": ("delta", "delta")},
-    **{"beta_air": ("beta", "beta"), "p_hat": ("p", "p"), "r_hat": ("r", "r"), "aileron": ("da", "aileron"), "rudder": ("dr", "rudder")},
+# The signal that a derivative of the built-in models multiplies, by what stands behind its underscore; and that end, by the signal on the bus.
+MULTIPLIED = {
+    **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
+    **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
 }
+_ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {"alpha_air": "alpha", "q_hat": "q", "beta_air": "beta", "p_hat": "p", "r_hat": "r"}
 
 
 def also_varying(ports: Sequence[str], first: str, second: str) -> tuple[str, ...]:
     """Derivatives that vary with a signal and add the product of two signals to some ports: either derivative over the other's signal."""
-    (one, over), (other, under) = _MULTIPLIED[first], _MULTIPLIED[second]
+    one, other = _ENDS[first], _ENDS[second]
+    over, under = MULTIPLIED[one], MULTIPLIED[other]
     axes = [axis for port in ports for axis in _COEFFICIENTS[port]]
     return tuple(dict.fromkeys(name for axis in axes for name in (f"varies:{axis}_{one}({under})", f"varies:{axis}_{other}({over})")))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ident.compatibility.faults import SensorFault
-from ident.compatibility.fitting import Fit
-from ident.compatibility.instruments import shortened
+from ident.compatibility.fitting import Fit, misfit, residual_of
+from ident.compatibility.instruments import Weigher, shortened
 from ident.compatibility.noise import NoiseModel
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.noise import first_noise, settled_noise
 from ident.compatibility.six_degrees.unknowns import evaluate, linearised, start_of, unknowns_of
 from ident.statistics.information import bounded_inverse
 
-Short = Callable[[np.ndarray], np.ndarray]
 _PASSES = 4
 _STEPS = 4
 _SMALL = 2e-3  # twice the gain of a step that is not worth taking
@@ -40,7 +39,7 @@ def fit(signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: F
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
     whiteners = [shortened(s, noise) for s in signals]
-    cost = _misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+    cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
     return Fit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
 
@@ -57,7 +56,7 @@ def _descended(
     """Unknowns and sizes of least squares under a given noise, and the lines there."""
     unknowns, largest = [unknowns_of(s) for s in signals], np.array([fault.largest for fault in faults])
     whiteners = [shortened(s, noise) for s in signals]
-    here = _misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+    here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     for _ in range(_STEPS):
         information, gradient = _normal(signals, priors, own, lines, whiteners)
         step = bounded_inverse(information) @ gradient
@@ -67,7 +66,7 @@ def _descended(
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
             trial, size = [o + d for o, d in zip(own, moved, strict=False)], np.clip(sizes + moved[-1], -largest, largest)
             shown = [evaluate(s, u, faults, o[None], size[None])[:, 0] for s, u, o in zip(signals, unknowns, trial, strict=True)]
-            there = _misfit(signals, priors, trial, shown, whiteners)
+            there = misfit(signals, priors, trial, shown, whiteners)
             if there < here:
                 break
         else:
@@ -79,33 +78,12 @@ def _descended(
     return own, sizes, lines
 
 
-def residual_of(s: Signals, y: np.ndarray) -> np.ndarray:
-    """Measured less reconstructed ``(m, N)``, zero where a sample is missing."""
-    return np.where(s.valid, np.array([s.channels[name] for name in s.outputs]) - y, 0.0)
-
-
-def _misfit(
-    signals: Sequence[Signals],
-    priors: Sequence[np.ndarray],
-    own: Sequence[np.ndarray],
-    outputs: Sequence[np.ndarray],
-    whiteners: Sequence[Short],
-) -> float:
-    total = 0.0
-    for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
-        residual = residual_of(s, y)
-        if not np.all(np.abs(residual) < 1e6):
-            return float("inf")
-        total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2)) + 0.5 * float(np.sum(prior * o**2))
-    return total
-
-
 def _normal(
     signals: Sequence[Signals],
     priors: Sequence[np.ndarray],
     own: Sequence[np.ndarray],
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
-    whiteners: Sequence[Short],
+    whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information ``(n, n)`` and gradient ``(n,)``, own unknowns of each record first."""
     total = sum(len(o) for o in own)

@@ -30,6 +30,7 @@ from sim.effects.dynamics.curves.yaw_nonlinearity import VARIANTS as CURVED_YAW
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.instances import controls
 from sim.effects.load_curve import LoadCurve
+from sim.effects.loads import MULTIPLIED
 from sim.effects.separating import BEYOND_PRODUCTS
 from sim.maths.splines import Shapes, combine, first_shapes, natural_shapes, shape_names
 
@@ -42,11 +43,6 @@ OF_A_FALL: Mapping[tuple[str, str], Traceable] = {("beta", "altitude"): DensityS
 _USUAL = {"CL": 0.8, "Cm": 0.3, "CD": 0.1, "CY": 0.2, "Cl": 0.06, "Cn": 0.04}
 _BY_RATE = {"q": 20.0, "p": 5.0, "r": 5.0}
 _USUAL_OF_LOES = {"L_alpha": 0.4, "M_alpha": 3.0, "L_delta": 0.01, "M_delta": 0.1, "L_q": 0.1, "M_q": 1.0}
-# The signal that a derivative of the built-in models multiplies, by what stands behind its underscore.
-_MULTIPLIED = {
-    **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
-    **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
-}
 
 
 @dataclass(frozen=True)
@@ -211,8 +207,8 @@ def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> st
     """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is ``Cl_beta(p)``; empty where there is none."""
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
-    back = next((other for suffix, other in known.items() if _MULTIPLIED.get(suffix) == signal), "")
-    return name_of(back, _MULTIPLIED[by]) if back and back != parameter and by in _MULTIPLIED else ""
+    back = next((other for suffix, other in known.items() if MULTIPLIED.get(suffix) == signal), "")
+    return name_of(back, MULTIPLIED[by]) if back and back != parameter and by in MULTIPLIED else ""
 
 
 def _usual(parameter: str) -> float:
