@@ -16,8 +16,9 @@ import numpy as np
 from sim.declaration.effect import Signal
 from sim.declaration.model import Model
 from sim.declaration.own_equations import Answer, OwnEquations, written_in
+from sim.declaration.own_products import multiplying, products
 from sim.declaration.own_sensors import biases_told, refuse_misnamed
-from sim.declaration.own_trial import Starts, multiplying, try_model
+from sim.declaration.own_trial import Starts, try_model
 from sim.declaration.parameters import Parameter, ParameterSet
 from sim.errors import ModelError
 
@@ -99,7 +100,7 @@ def _model(equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, f
         equations = replace(equations, formed_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
         known = multiplying(equations, starts, numbers.free_names)
-        equations = replace(equations, multiplying=tuple((name, numbers[name].unit) for name in known))
+        equations = replace(equations, multiplying=tuple((name, numbers[name].unit) for name in known), products=products(equations, starts, known))
         if all_biases:
             equations = replace(equations, biased_outputs=biases_told(equations, starts))
     begun = [Parameter(s.name, start.get(s.name, 0.0), s.unit, source="declared" if s.name in start else "at rest") for s in equations.states]

@@ -37,7 +37,7 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite number at the starts; a function that loses a
         complex step (``math``, ``abs`` or ``if`` of a signal) or does not take arrays.
     """
-    values = _evaluated(equations, starts)
+    values = evaluated(equations, starts)
     for (what, name), value in values.items():
         where = written_in(equations.name, what, _function(equations, what))
         if np.shape(value) != ():
@@ -49,7 +49,7 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for side in (1.0, -1.0):
         _compare_slopes(equations, beside(starts, side))
     arrays = Starts(*({name: np.array([value, value]) for name, value in some.items()} for some in (starts.signals, starts.parameters)))
-    for (what, name), value in _evaluated(equations, arrays).items():
+    for (what, name), value in evaluated(equations, arrays).items():
         if np.shape(value) not in ((), (2,)):
             told = f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
             where = written_in(equations.name, what, _function(equations, what))
@@ -85,8 +85,13 @@ def parameters_asked(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
 
 
-def _evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """All answers by function and name, checked for names and kinds."""
+def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
+    """All answers at some signals and parameters by function and name, checked for names and kinds.
+
+    Raises
+    ------
+    ModelError : an answer that is no mapping, lacks a name or has one too many, or is no number.
+    """
     s = SimpleNamespace(**starts.signals)
     p = namedtuple("Parameters", starts.parameters)(**starts.parameters)
     if equations.formed is not None:
@@ -160,9 +165,9 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
     for of_signal, name in names:
         value = (at.signals if of_signal else at.parameters)[name]
         step = DIFFERENCE * (abs(value) or ASIDE)
-        stepped = _evaluated(equations, _changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
+        stepped = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
         exact.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
-        sides = [_finite(equations, _changed(at, of_signal, name, value + sign * step)) for sign in (1.0, -1.0)]
+        sides = [_finite(equations, changed(at, of_signal, name, value + sign * step)) for sign in (1.0, -1.0)]
         found.append(None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step))
         steps.append(step)
     slopes = np.array(exact)
@@ -173,42 +178,23 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
             continue
         apart = np.abs(slopes[k] - difference) > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
         if np.any(apart):
-            what, answer = list(_evaluated(equations, at))[int(np.argmax(apart))]
+            what, answer = list(evaluated(equations, at))[int(np.argmax(apart))]
             told = f"{_told(what, answer)} loses a complex step of {name}: the slope is {difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
             raise ModelError(told, where=written_in(equations.name, what, _function(equations, what)), remedy=NO_COMPLEX)
 
 
-def _changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
+def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
+    """The same with another value of one signal, or of one parameter."""
     return Starts({**at.signals, name: value}, at.parameters) if of_signal else Starts(at.signals, {**at.parameters, name: value})
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
     """All answers at a point beside the starts, None where one is not finite or cannot be formed."""
     try:
-        values: Sequence[Any] = list(_evaluated(equations, at).values())
+        values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:
         if isinstance(error.__cause__, ArithmeticError | ValueError):
             return None
         raise
     array = np.array(values)
     return array if np.all(np.isfinite(array)) else None
-
-
-def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
-    """Those parameters of ``names`` that multiply signals: what they do to the rates and readings changes with these.
-
-    A parameter that is only added, as a constant load, does the same wherever the motion is; so does one that is in no equation.
-    """
-    places = [Starts(beside(starts, side).signals, starts.parameters) for side in (0.0, 1.0, -0.6)]
-    found = []
-    for name in names:
-        value = starts.parameters[name]
-        try:
-            moved = [_evaluated(equations, _changed(at, False, name, complex(value, COMPLEX_STEP))) for at in places]
-        except FlightidError:
-            continue  # beside the starts it cannot be formed
-        slopes = np.array([[np.imag(each) / COMPLEX_STEP for each in values.values()] for values in moved])
-        apart = np.ptp(slopes, axis=0)
-        if np.any(apart > 1e-9 * np.max(np.abs(slopes), axis=0)):
-            found.append(name)
-    return tuple(found)

@@ -10,6 +10,7 @@ import numpy as np
 
 from sim.declaration.effect import NoiseEffect, Station, rates_read_by
 from sim.declaration.model import Model
+from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parts import Parts
 from sim.declaration.system import Rows
 
@@ -25,6 +26,8 @@ def signals_of(parts: Parts) -> Bus:
     varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
     disturbances = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is Station.DISTURBANCE]
     others = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is not Station.DISTURBANCE]
+    # The flow of a user's own model may hold the ports, to which dynamics add only after it was formed for them.
+    forms_ports = bool(others) and isinstance(equations, OwnEquations) and equations.formed is not None and not equations.rate_ports
 
     def signals(t: Any, x: Rows, u: Rows, p: Rows) -> tuple[SimpleNamespace, Any]:
         s = SimpleNamespace(time=t, **zero_ports)
@@ -43,6 +46,8 @@ def signals_of(parts: Parts) -> Bus:
         for effect, gather in others:
             for port, value in effect.increments(s, vehicle, gather(p)).items():
                 bus[port] = bus[port] + value
+        if forms_ports:
+            bus.update(equations.flow(s, vehicle))
         return s, vehicle
 
     return signals

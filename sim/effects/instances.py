@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sim.declaration.effect import OnChannel, OnSignal, Signal, ports_needed
+from sim.declaration.effect import OnChannel, OnSignal, Signal, constants_needed, ports_needed
 from sim.declaration.model import Containing, DrivenBeside, Equations
 from sim.declaration.own_equations import OwnEquations
+from sim.declaration.proposal import Traceable
 
 # Name and unit of those whose instances stand in the effects' own files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
@@ -89,3 +90,17 @@ def per(unit: str) -> str:
 def load_ports(equations: Equations) -> tuple[Signal, ...]:
     """Ports that take loads."""
     return tuple(port for port in equations.ports if port.name not in AIR)
+
+
+def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
+    """Ports of a user's own model that take loads and on which none of some listed effects acts."""
+    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    acting = (effect for effect in listed if known.issuperset(constants_needed(effect)) and ports.issuperset(ports_needed(effect)))
+    covered = {port for effect in acting for port in ports_needed(effect)}
+    return tuple(port for port in load_ports(equations) if port.name not in covered)
+
+
+def per_unit(port: str, *signals: str) -> str:
+    """The unit of a slope by the product of some signals: what a port is counted in over their units, ``m/s2/(m/s)/N``."""
+    below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
+    return "/".join((port, *below))

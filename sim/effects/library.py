@@ -71,12 +71,17 @@ def other_names(equations: Equations) -> dict[str, str]:
 def guards_for(equations: Equations) -> tuple[Traceable, ...]:
     """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the library, found by file likewise.
 
+    A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a user's own model.
+
     A search in which one of them wins has shown that something is missing and that the library does not name it.
     """
     package = importlib.import_module("sim.effects.guards")
-    names = sorted(module.name for module in pkgutil.iter_modules(package.__path__))
-    guards = [guard for name in names for guard in importlib.import_module(f"{package.__name__}.{name}").GUARDS]
-    return tuple(guard for guard in guards if applies(guard, equations))
+    found: list[Traceable] = []
+    for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
+        module = importlib.import_module(f"{package.__name__}.{name}")
+        made = module.made_for(equations) if hasattr(module, "made_for") else ()
+        found += [guard for guard in (*module.GUARDS, *made) if applies(guard, equations)]
+    return tuple(found)
 
 
 def applies(effect: Effect, equations: Equations) -> bool:

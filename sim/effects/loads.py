@@ -25,7 +25,12 @@ _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {"alpha_air": "alp
 
 
 def also_varying(ports: Sequence[str], first: str, second: str) -> tuple[str, ...]:
-    """Derivatives that vary with a signal and add the product of two signals to some ports: either derivative over the other's signal."""
+    """Derivatives that vary with a signal and add the product of two signals to some ports: either derivative over the other's signal.
+
+    None where the signals are those of a user's own model, whose parameters have any names.
+    """
+    if not {first, second} <= {*_ENDS} or not {*ports} <= {*_COEFFICIENTS}:
+        return ()
     one, other = _ENDS[first], _ENDS[second]
     over, under = MULTIPLIED[one], MULTIPLIED[other]
     axes = [axis for port in ports for axis in _COEFFICIENTS[port]]

@@ -17,7 +17,7 @@ from sim.effects.library import guards_for
 from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 from tests.bases import RIGID_VALUES, rigid_model
-from tests.oracles.varying_parameters import Law, lateral, rigid, spring
+from tests.oracles.varying_parameters import Law, Push, lateral, rigid, spring
 from tests.whole_axes import CONSTANTS, TRUE
 
 
@@ -31,6 +31,23 @@ def spring_model(unit: float = 1.0) -> Model:
         constants={"m": (2.0, "kg")},
         parameters={"k": (40.0 / unit, "N/m"), "c": (1.3 / unit, "N s/m")},
         flow=lambda s, p: {"a": (s.force - unit * (p.c * s.v + p.k * s.x)) / p.m},
+        rates=lambda s, p: {"x": s.v, "v": s.a},
+        readings=lambda s, p: {"x": s.x, "acceleration": s.a},
+    )
+    return model.with_biases(("x", "acceleration"))
+
+
+def loaded_spring() -> Model:
+    """The same with a port for forces, which the accelerometer feels."""
+    model = own_model(
+        name="spring-mass",
+        states={"x": "m", "v": "m/s"},
+        inputs={"force": "N"},
+        outputs={"x": "m", "acceleration": "m/s2"},
+        ports={"load": "N"},
+        constants={"m": (2.0, "kg")},
+        parameters={"k": (40.0, "N/m"), "c": (1.3, "N s/m")},
+        flow=lambda s, p: {"a": (s.force + s.load - p.c * s.v - p.k * s.x) / p.m},
         rates=lambda s, p: {"x": s.v, "v": s.a},
         readings=lambda s, p: {"x": s.x, "acceleration": s.a},
     )
@@ -92,12 +109,29 @@ def test_on_a_clean_record_and_on_one_that_a_named_effect_explains_no_instance_i
 
 
 def test_what_no_record_tells_apart_is_told_with_its_alternative() -> None:
-    """Damping that grows evenly with displacement is a stiffness that grows evenly with the speed: c1 x v either way, and no guard has it here."""
+    """Damping that grows evenly with displacement is a stiffness that grows evenly with the speed: c1 x v either way, and both have a name."""
     model = spring_model()
     records = [spring(lambda x: 50.0, seed, size, lambda x: 1.0 + 2.0 * x) for seed, size in ((1, 1.0), (2, 0.8))]
     found = diagnosed(model, records, some(model, "sensor-lag:x"))
     assert found.verdict is Verdict.AMBIGUOUS and len(names(found)) == 1
     assert {*names(found), *found.effects[0].alternatives} == {"varies:c(x)", "varies:k(v)"}
+
+
+@pytest.mark.parametrize(
+    ("guard", "extra"),
+    [
+        ("guard:periodic-loads", lambda t, x, f: 3.0 * np.cos(7.0 * t)),
+        ("guard:force-force", lambda t, x, f: 0.02 * f * f),
+        pytest.param("guard:lagged-loads:x", lambda t, x, f: -25.0 * (x[0] - x[2]), marks=pytest.mark.slow),
+    ],
+)
+def test_what_an_own_model_has_no_name_for_stays_without_one(guard: str, extra: Push) -> None:
+    """A shaken base, a motor that pushes by the square of its command, a spring that relaxes: a guard wins, and no name is claimed."""
+    model = loaded_spring()
+    records = [spring(lambda x: 50.0, seed, size, extra=extra) for seed, size in ((1, 1.0), (2, 0.8))]
+    found = diagnosed(model, records)
+    assert found.verdict is Verdict.UNEXPLAINED and not names(found)
+    assert any(guard in caution.sentence for caution in found.warnings)
 
 
 @pytest.mark.slow

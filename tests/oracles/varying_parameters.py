@@ -90,15 +90,25 @@ def rigid(damping: Law, seed: int, size: float = 1.0) -> Record:
     return recorded(time, {"elevator": ("rad", elevator)}, outputs, seed, f"rigid {seed}")
 
 
-def spring(stiffness: Law, seed: int, size: float = 1.0, damping: Law = lambda x: 1.0) -> Record:
-    """2 kg on a spring of ``stiffness`` (N/m) with ``damping`` (N s/m), both by displacement (m), under pulses of force."""
+Push = Callable[[float, np.ndarray, float], float]
+
+
+def spring(stiffness: Law, seed: int, size: float = 1.0, damping: Law = lambda x: 1.0, extra: Push = lambda t, x, f: 0.0) -> Record:
+    """2 kg on a spring of ``stiffness`` (N/m) with ``damping`` (N s/m), both by displacement (m), under pulses of force.
+
+    ``extra`` : a force (N) that nobody declared, of time (s), of displacement, speed and a displacement that follows late by .6 s, and of the
+    recorded force.
+    """
     time = np.arange(401) / 20.0
     pulses = [(1.0, 4.0, 20.0), (9.0, 10.5, -15.0), (13.0, 14.0, 30.0)]
     force = size * np.sum([np.where((time >= begin - 1e-9) & (time < end - 1e-9), value, 0.0) for begin, end, value in pulses], axis=0)
 
-    def push(x: np.ndarray, f: float) -> float:
-        return float((f - damping(x[0]) * x[1] - stiffness(x[0]) * x[0]) / 2.0)
+    def push(t: float, x: np.ndarray, f: float) -> float:
+        return float((f + extra(t, x, f) - damping(x[0]) * x[1] - stiffness(x[0]) * x[0]) / 2.0)
 
-    x = moved(lambda x, u: [x[1], push(x, u[0])], time, np.atleast_2d(force), 2)
-    pushed = np.array([push(x[:, k], force[k]) for k in range(len(time))])
+    def rates(x: np.ndarray, u: np.ndarray) -> list[float]:
+        return [x[1], push(x[3], x, u[0]), (x[0] - x[2]) / 0.6, 1.0]
+
+    x = moved(rates, time, np.atleast_2d(force), 4)
+    pushed = np.array([push(time[k], x[:, k], force[k]) for k in range(len(time))])
     return recorded(time, {"force": ("N", force)}, {"x": ("m", x[0], 0.003), "acceleration": ("m/s2", pushed, 0.05)}, seed, f"spring {seed}")

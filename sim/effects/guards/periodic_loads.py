@@ -9,14 +9,18 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import labelled, ports_without
 from sim.effects.loads import LOADS
 from sim.maths.elementary import cos, once_for_alike
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
 FASTEST = 60.0  # rad/s
+TOGETHER = 2  # ports that swing as one, as lift and moment do; each further one has two more sizes to pay for
 
 
 @dataclass(frozen=True)
@@ -28,15 +32,15 @@ class PeriodicLoads:
     Attributes
     ----------
     units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads; they name the parameters.
+    ports : that it loads; they name the parameters. label : of the name, where there are several.
     """
 
-    units: tuple[str, str]
-    sizes: tuple[float, float]
+    units: tuple[str, ...]
+    sizes: tuple[float, ...]
     needs_constants: tuple[str, ...]
-    ports: tuple[str, str] = LOADS
+    ports: tuple[str, ...] = LOADS
+    label: str = ""
 
-    name: ClassVar[str] = "guard:periodic-loads"
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
     aliases: ClassVar[tuple[str, ...]] = ("elastic-mode",)
@@ -45,11 +49,19 @@ class PeriodicLoads:
         per_record=True,
         guard=True,
     )
-    explanation: ClassVar[str] = (
-        "A generic term: lift and moment swing at one frequency all through the record, moment = moment_cos cos(w t) + moment_sin sin(w t) and lift "
-        "alike, whatever the control and the aircraft do. No cause of the library does that. Where it explains a record better than every effect "
-        "does, the cause is none of them."
-    )
+
+    @property
+    def name(self) -> str:
+        return labelled("guard:periodic-loads", self.label)
+
+    @property
+    def explanation(self) -> str:
+        loads, of = " and ".join(port.replace("_", " ") for port in self.ports), self.ports[-1]
+        return (
+            f"A generic term: {loads} swing{'' if len(self.ports) > 1 else 's'} at one frequency all through the record, "
+            f"{of.replace('_', ' ')} += {of}_cos cos(w t) + {of}_sin sin(w t), whatever the controls and the vehicle do. No cause of the library "
+            "does that. Where it explains a record better than every effect does, the cause is none of them."
+        )
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -87,3 +99,16 @@ GUARDS: tuple[Traceable, ...] = (
     PeriodicLoads(("1/s", "1/s2"), (0.01, 0.1), ("M_delta",)),
     PeriodicLoads(("1", "1"), (0.002, 0.002), ("Cn_dr",), ("roll", "yaw")),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One on the ports of a user's own model whose rates an estimated parameter is part of; one each where there are more than two."""
+    if not isinstance(equations, OwnEquations):
+        return ()
+    moved = {port for port, _ in equations.products}
+    ports = [port for port in ports_without(GUARDS, equations) if port.name in moved]
+    together = [ports] if 0 < len(ports) <= TOGETHER else [[port] for port in ports]
+    return tuple(
+        PeriodicLoads(tuple(p.unit for p in some), (1.0,) * len(some), (), tuple(p.name for p in some), some[0].name if len(together) > 1 else "")
+        for some in together
+    )

@@ -8,9 +8,12 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
+from sim.effects.instances import controls, per_unit, ports_without
 from sim.effects.loads import LOADS, also_varying, load_parameters
 
 
@@ -28,11 +31,11 @@ class ProductLoads:
     label: str
     first: str
     second: str
-    units: tuple[str, str]
-    sizes: tuple[float, float]
+    units: tuple[str, ...]
+    sizes: tuple[float, ...]
     needs_constants: tuple[str, ...]
     aliases: tuple[str, ...] = ()
-    ports: tuple[str, str] = LOADS
+    ports: tuple[str, ...] = LOADS
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -60,9 +63,10 @@ class ProductLoads:
 
     @property
     def explanation(self) -> str:
+        loads = f"{' and '.join(self.ports)} {'grow' if len(self.ports) > 1 else 'grows'}"
         return (
-            f"A generic term: {' and '.join(self.ports)} grow with the product {self.first} * {self.second}. No cause of the library stands "
-            "behind it. Where it explains a record better than every effect does, the cause is none of them."
+            f"A generic term: {loads} with the product {self.first} * {self.second}. No cause of the library stands behind it. Where it explains a "
+            "record better than every effect does, the cause is none of them."
         )
 
     @property
@@ -110,3 +114,21 @@ GUARDS: tuple[Traceable, ...] = (
         )
     ),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Products of two states or controls of a user's own model, on the ports where no estimated parameter multiplies either.
+
+    Where one does, the product is that parameter growing with the other signal, which ``varies`` says by name.
+    """
+    if not isinstance(equations, OwnEquations):
+        return ()
+    ports, signals, found = ports_without(GUARDS, equations), (*equations.states, *controls(equations)), list[Traceable]()
+    for place, first in enumerate(signals):
+        for second in signals[place:]:
+            free = [port for port in ports if not {(port.name, first.name), (port.name, second.name)} & {*equations.products}]
+            if free:
+                units = tuple(per_unit(port.unit, first.unit, second.unit) for port in free)
+                names = tuple(port.name for port in free)
+                found.append(ProductLoads(f"{first.name}-{second.name}", first.name, second.name, units, (1.0,) * len(free), (), (), names))
+    return tuple(found)
