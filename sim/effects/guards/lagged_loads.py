@@ -121,6 +121,6 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
         loaded = [port for port in ports if (port.name, state.name) in equations.products]
         if loaded:
             units, names = tuple(per_unit(port.unit, state.unit) for port in loaded), tuple(port.name for port in loaded)
-            of_state = {"total": True, "flown": state.name, "counted_in": state.unit, "of": state.name}
-            found.append(LaggedLoads(units, (1.0,) * len(loaded), (), names, state.name, looks, **of_state))
+            late = LaggedLoads(units, (1.0,) * len(loaded), (), names, state.name, looks, total=True)
+            found.append(replace(late, flown=state.name, counted_in=state.unit, of=state.name))
     return tuple(found)
