@@ -12,7 +12,7 @@ from scenarios.files.own_models import inputs_at_rest, is_own
 from scenarios.files.python_files import WANTED, run_python
 from scenarios.files.sources import Source, read_source
 from sim.declaration.compile import compile_model
-from sim.declaration.effect import Effect, ParameterEffect, Signal
+from sim.declaration.effect import Effect, GroupEffect, ParameterEffect, Signal
 from sim.declaration.model import Containing, Model
 from sim.declaration.proposal import Traceable
 from sim.declaration.traits import Traits
@@ -34,7 +34,13 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
     offered = can_act(effects_for(equations), model)
     found = (effect for effect in offered if effect.name not in taken and isinstance(effect, Traceable))
     known = (effect for effect in found if effect.traits.recorded_as not in recorded)
-    return (*(effect for effect in known if not isinstance(effect, ParameterEffect) or model.parameters[effect.parameter].free), *own)
+    return (*(effect for effect in known if _may_change(effect, model)), *own)
+
+
+def _may_change(effect: Effect, model: Model) -> bool:
+    """Whether what an effect makes vary is estimated."""
+    changed = (effect.parameter,) if isinstance(effect, ParameterEffect) else effect.group if isinstance(effect, GroupEffect) else ()
+    return all(model.parameters[name].free for name in changed)
 
 
 def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:

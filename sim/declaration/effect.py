@@ -122,6 +122,15 @@ class ParameterEffect(Effect, Protocol):
 
 
 @runtime_checkable
+class GroupEffect(Effect, Protocol):
+    """Makes several parameters of the equations vary at once: ``changes(s, p)`` by name is added to ``group``, as of a ``ParameterEffect``."""
+
+    @property
+    def group(self) -> tuple[str, ...]: ...
+    def changes(self, s: Any, p: Any) -> Mapping[str, Any]: ...
+
+
+@runtime_checkable
 class SensorEffect(Effect, Protocol):
     """Acts on one output channel with memory, on the grid of sub-steps.
 

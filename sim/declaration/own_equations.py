@@ -26,8 +26,8 @@ class OwnEquations:
     mappings by name. ``rate_ports`` holds for each state the port that is added to its rate; it is empty where the model declares ports of its
     own, which its functions then take as ``s.PORT``. ``biased_outputs`` names the outputs whose sensors have a free constant bias.
     ``resting``: inputs about which they are tried. ``explanation``: what the file says of the equations.
-    ``multiplying``: estimated parameters that multiply signals, with their units. ``products``: pairs of a port and a signal that an estimated
-    parameter multiplies in a rate to which the port adds.
+    ``multiplying``: estimated parameters that multiply signals, with their units. ``products``: port, signal and estimated parameter,
+    where the parameter multiplies the signal in a rate to which the port adds.
 
     A number beyond the range of floats, or a division by zero, makes the answer NaN, which an estimator steps back from; every other error
     in a function is a ModelError that names file and line.
@@ -48,7 +48,7 @@ class OwnEquations:
     resting: tuple[tuple[str, float], ...] = ()
     explanation: str = ""
     multiplying: tuple[tuple[str, str], ...] = ()
-    products: tuple[tuple[str, str], ...] = ()
+    products: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def factors(self) -> dict[str, str]:

@@ -29,8 +29,8 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
     return tuple(found)
 
 
-def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Pairs of a port and a signal that one of the parameters ``names`` multiplies in a rate to which the port adds.
+def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[tuple[str, str, str], ...]:
+    """Port, signal and parameter, where one of the parameters ``names`` multiplies the signal in a rate to which the port adds.
 
     The second derivative of a rate by parameter and signal tells: a complex step of the parameter, at two values of the signal.
     """
@@ -41,9 +41,10 @@ def products(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> t
     for signal in (*equations.states, *equations.inputs):
         value = here.signals[signal.name]
         moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
-        slopes = {name: _slopes(equations, moved, False, name) for name in names}
-        rates = {a for name in names for a in base[name] if a in slopes[name] and a[0] == "rates" and _apart([base[name][a], slopes[name][a]])}
-        found += [(port, signal.name) for port, reached in fed.items() if rates & reached]
+        for name in names:
+            there = _slopes(equations, moved, False, name)
+            rates = {a for a, slope in base[name].items() if a in there and a[0] == "rates" and _apart([slope, there[a]])}
+            found += [(port, signal.name, name) for port, reached in fed.items() if rates & reached]
     return tuple(found)
 
 

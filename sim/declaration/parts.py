@@ -15,6 +15,7 @@ from sim.declaration.effect import (
     Commuting,
     DynamicsEffect,
     Effect,
+    GroupEffect,
     InputEffect,
     OnlineForm,
     ParameterEffect,
@@ -36,7 +37,8 @@ class Parts:
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an on-line System carries as states,
     ``slices`` where these stand among ``states``. ``own`` picks an effect's parameters off a row of all of them, by effect name,
-    ``vehicle_of`` those of the equations, which ``varying`` change. ``bias_index`` by output. ``clocks`` set the pace of
+    ``vehicle_of`` those of the equations, which ``varying`` and
+    ``varying_together`` change. ``bias_index`` by output. ``clocks`` set the pace of
     ``dynamics``, which are theirs alone.
     """
 
@@ -45,6 +47,7 @@ class Parts:
     inputs: tuple[InputEffect, ...]
     moved_in: tuple[Any, ...]
     varying: tuple[ParameterEffect, ...]
+    varying_together: tuple[GroupEffect, ...]
     dynamics: tuple[DynamicsEffect, ...]
     readings: tuple[ReadingEffect, ...]
     sensors: tuple[SensorEffect, ...]
@@ -89,6 +92,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         tuple(effect for effect in inputs if effect not in moved_in),
         tuple(moved_in),
         tuple(effect for effect in model.effects if isinstance(effect, ParameterEffect)),
+        tuple(effect for effect in model.effects if isinstance(effect, GroupEffect)),
         tuple(dynamics),
         tuple(in_order([effect for effect in model.effects if isinstance(effect, ReadingEffect)])),
         tuple(effect for effect in sensors if effect not in moved_out),

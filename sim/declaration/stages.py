@@ -24,6 +24,7 @@ def signals_of(parts: Parts) -> Bus:
     vehicle_of, state_names, input_names = parts.vehicle_of, parts.state_names, parts.input_names
     zero_ports = {port.name: 0.0 for port in equations.ports}
     varying = [(effect.parameter, effect.change, own[effect.name]) for effect in parts.varying]
+    together = [(effect.changes, own[effect.name]) for effect in parts.varying_together]
     disturbances = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is Station.DISTURBANCE]
     others = [(effect, own[effect.name]) for effect in parts.dynamics if effect.station is not Station.DISTURBANCE]
     # The flow of a user's own model may hold the ports, to which dynamics add only after it was formed for them.
@@ -42,6 +43,8 @@ def signals_of(parts: Parts) -> Bus:
                 bus[port] = bus[port] + value
         for name, change, gather in varying:
             vehicle = vehicle._replace(**{name: getattr(vehicle, name) + change(s, gather(p))})
+        for changes, gather in together:
+            vehicle = vehicle._replace(**{name: getattr(vehicle, name) + value for name, value in changes(s, gather(p)).items()})
         bus.update(equations.flow(s, vehicle))
         for effect, gather in others:
             for port, value in effect.increments(s, vehicle, gather(p)).items():

@@ -134,6 +134,17 @@ def test_what_an_own_model_has_no_name_for_stays_without_one(guard: str, extra: 
     assert any(guard in caution.sentence for caution in found.warnings)
 
 
+@pytest.mark.parametrize("model", [loaded_spring(), pytest.param(spring_model(), marks=pytest.mark.slow)])
+def test_a_spring_that_stiffens_in_flight(model: Model) -> None:
+    """Its time and its change are found, and damping stays what it was."""
+    records = [spring(lambda x: 50.0, seed, size, extra=lambda t, x, f: -15.0 * x[0] * (t > 8.3)) for seed, size in ((1, 1.0), (2, 0.8))]
+    found = diagnosed(model, records)
+    assert found.verdict is Verdict.TRACED and names(found) == ["derivative-jump"]
+    told = found.effects[0].parameters
+    assert abs(told["k"].value - 15.0) < 4.0 * told["k"].std and abs(told["c"].value) < 4.0 * told["c"].std
+    assert told["time"].value == pytest.approx(8.3, abs=0.05)
+
+
 @pytest.mark.slow
 def test_a_product_of_two_signals_stays_without_a_name() -> None:
     """Cm_q that grows evenly with alpha is Cm_alpha that grows evenly with q: the guard stands for both, and the caution names them."""

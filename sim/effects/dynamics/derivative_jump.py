@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Regularity, Signal, Station
+from sim.declaration.effect import Regularity, Signal, Station, constants_needed, ports_needed
+from sim.declaration.model import Equations
+from sim.declaration.own_equations import OwnEquations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import labelled
 from sim.effects.onset import WIDTH, edge_width, risen
+from sim.effects.parameter_jump import jumps_of
 
 OF_PITCH = (
     "Something happens to the aircraft in flight: ice breaks off, a surface is damaged, fuel or a store moves the centre of gravity, a flap "
@@ -147,3 +150,10 @@ VARIANTS: tuple[Traceable, ...] = (
         for axis, port, size in (("Cn", "yaw", 0.02), ("Cl", "roll", 0.03), ("CY", "side_force", 0.1))
     ),
 )
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Groups of parameters of a user's own model, those that act through one port each, unless one of the above is for its derivatives."""
+    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    listed = (each for each in VARIANTS if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each)))
+    return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()

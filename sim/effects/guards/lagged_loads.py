@@ -117,8 +117,9 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
         return ()
     looks = tuple(name for signal, label in further_inputs(equations) for name in all_labelled(LOOKS_LATE, label)) or LOOKS_LATE
     ports, found = ports_without(GUARDS, equations), list[Traceable]()
+    multiplied = {(port, signal) for port, signal, _ in equations.products}
     for state in equations.states:
-        loaded = [port for port in ports if (port.name, state.name) in equations.products]
+        loaded = [port for port in ports if (port.name, state.name) in multiplied]
         if loaded:
             units, names = tuple(per_unit(port.unit, state.unit) for port in loaded), tuple(port.name for port in loaded)
             late = LaggedLoads(units, (1.0,) * len(loaded), (), names, state.name, looks, total=True)

@@ -105,7 +105,7 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """One on the ports of a user's own model whose rates an estimated parameter is part of; one each where there are more than two."""
     if not isinstance(equations, OwnEquations):
         return ()
-    moved = {port for port, _ in equations.products}
+    moved = {port for port, _, _ in equations.products}
     ports = [port for port in ports_without(GUARDS, equations) if port.name in moved]
     together = [ports] if 0 < len(ports) <= TOGETHER else [[port] for port in ports]
     return tuple(

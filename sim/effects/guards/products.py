@@ -124,9 +124,10 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     if not isinstance(equations, OwnEquations):
         return ()
     ports, signals, found = ports_without(GUARDS, equations), (*equations.states, *controls(equations)), list[Traceable]()
+    multiplied = {(port, signal) for port, signal, _ in equations.products}
     for place, first in enumerate(signals):
         for second in signals[place:]:
-            free = [port for port in ports if not {(port.name, first.name), (port.name, second.name)} & {*equations.products}]
+            free = [port for port in ports if not {(port.name, first.name), (port.name, second.name)} & multiplied]
             if free:
                 units = tuple(per_unit(port.unit, first.unit, second.unit) for port in free)
                 names = tuple(port.name for port in free)

@@ -30,7 +30,7 @@ def spring(**ports: Any) -> Model:
 
 def products(model: Model) -> set[tuple[str, str]]:
     assert isinstance(model.equations, OwnEquations)
-    return {*model.equations.products}
+    return {(port, signal) for port, signal, _ in model.equations.products}
 
 
 def test_a_parameter_multiplies_the_signals_beside_it() -> None:
@@ -54,6 +54,12 @@ def test_the_size_of_a_unit_does_not_matter(gain: float) -> None:
         readings=lambda s, p: {"r": s.r},
     )
     assert products(model) == {("r_rate", "d")}
+
+
+def test_each_product_has_its_parameter() -> None:
+    equations = spring().equations
+    assert isinstance(equations, OwnEquations)
+    assert {*equations.products} == {("v_rate", "x", "k"), ("v_rate", "v", "c")}
 
 
 def test_functions_that_have_no_values_beside_the_starts_tell_nothing() -> None:
