@@ -61,7 +61,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
-    return content | _against(study) | _further(study)
+    return content | _against(study) | _further(study) | _engine(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
@@ -131,6 +131,15 @@ def _further(study: LoopStudy) -> dict[str, Any]:
             {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
         ]
     return out
+
+
+def _engine(study: LoopStudy) -> dict[str, Any]:
+    """Another engine than the batched bank, and how far from it its filters are."""
+    found = study.engines
+    if found is None:
+        return {}
+    apart = {"mean_sigmas": found.mean, "std_share": found.std, "log_likelihood_share": found.log_likelihood, "same_sound": found.sound}
+    return {"engine": {"name": study.scenario.estimation.engine, "against_batched": apart}}
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:

@@ -73,6 +73,7 @@ class LoopEstimation:
     initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not given, as in the paper.
     window_start, window_stop : part of the record that is used, s.
     restarts : start the refined filter again from its own result until it settles, at most so often.
+    engine : who runs the filters, a key of ``ident.banks.engines.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -84,6 +85,7 @@ class LoopEstimation:
     window_start: float | None = None
     window_stop: float | None = None
     restarts: int = 0
+    engine: str = "batched"
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,12 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             "a window that begins in motion or a stick that is not linear may disturb them; "
             f"the loop's own response says {study.check.loop.natural_frequency:.3f} rad/s"
         )
+    if study.engines is not None:
+        apart = study.engines
+        out.append(
+            f"{study.scenario.estimation.engine}, filter by filter, against the batched bank at the same {len(bank.delays)} delays: means differ by "
+            f"{apart.mean:.0e} sigmas at most, sigmas by {apart.std:.0e} and log-likelihoods by {apart.log_likelihood:.0e} of themselves"
+        )
     if len(study.margins) > 1:
         (own, mine), (against, theirs) = study.margins.items()
         word = "larger" if mine.phase > theirs.phase else "smaller"

@@ -62,6 +62,7 @@ class _Estimate(_Strict):
     window_start: Quantity | None = None
     window_stop: Quantity | None = None
     restarts: int = Field(default=0, ge=0, le=30)
+    engine: Literal["batched", "filterpy"] = "batched"
 
 
 class _Against(_Strict):
@@ -195,6 +196,7 @@ def _estimation(estimate: _Estimate, where: str) -> LoopEstimation:
         None if estimate.window_start is None else si(estimate.window_start, "s", f"{where}.window_start"),
         None if estimate.window_stop is None else si(estimate.window_stop, "s", f"{where}.window_stop"),
         estimate.restarts,
+        estimate.engine,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.delays import DelayBank
+from ident.banks.engines import BATCHED, Agreement, agreement
 from ident.estimate import Estimate
 from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
@@ -74,7 +75,8 @@ class LoopStudy:
     """A closed-loop scenario that has been run.
 
     ``plain`` is the paper's way, ``passes`` the refined estimates from restart to restart; ``other`` the result compared with;
-    ``together`` plain results of several scenarios by name; ``margins`` of each linear loop by airframe.
+    ``together`` plain results of several scenarios by name; ``margins`` of each linear loop by airframe; ``engines`` how far the nine
+    filters of another engine are from the batched ones, None where these ran.
     """
 
     scenario: LoopScenario
@@ -94,6 +96,7 @@ class LoopStudy:
     together: Mapping[str, Plain]
     variants: tuple[VariantResult, ...]
     margins: Mapping[str, Margins]
+    engines: Agreement | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -154,6 +157,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         {name: _plain_of(loop_scenario(name)) for name in scenario.together},
         tuple(_variant(scenario, variant, chosen) for variant in scenario.variants),
         {name: margins(load_x29(name)) for name in dict.fromkeys((scenario.flight.airframe, *(() if other is None else (other.flown.x29.name,))))},
+        None if setting.engine is BATCHED else agreement(plain(replace(first.setting, engine=BATCHED)).bank, found.bank),
     )
 
 
