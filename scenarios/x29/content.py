@@ -13,6 +13,7 @@ from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
 from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
+from scenarios.x29.linear_check import linear_content
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
@@ -61,6 +62,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
+    content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
     return content | _against(study) | _further(study) | _engine(study)
 
 

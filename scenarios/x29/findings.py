@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
+from scenarios.x29.linear_check import linear_sentence
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
@@ -82,6 +83,8 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             "a window that begins in motion or a stick that is not linear may disturb them; "
             f"the loop's own response says {study.check.loop.natural_frequency:.3f} rad/s"
         )
+    if study.linear is not None:
+        out.append(linear_sentence(study.linear))
     if study.engines is not None:
         apart = study.engines
         out.append(

@@ -18,6 +18,7 @@ from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario, Variant
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, rough, set_up, started_again
 from scenarios.x29.flying import Flown, fly_loop, low_order_model
+from scenarios.x29.linear_check import LinearCheck, linear_check
 from scenarios.x29.measures import Misfit, misfit
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.linear import Margins, margins
@@ -76,7 +77,8 @@ class LoopStudy:
 
     ``plain`` is the paper's way, ``passes`` the refined estimates from restart to restart; ``other`` the result compared with;
     ``together`` plain results of several scenarios by name; ``margins`` of each linear loop by airframe; ``engines`` how far the nine
-    filters of another engine are from the batched ones, None where these ran.
+    filters of another engine are from the batched ones, None where these ran; ``linear`` the flown loop against the linear one's
+    response, None where no loop was flown or the stick never moved.
     """
 
     scenario: LoopScenario
@@ -97,6 +99,7 @@ class LoopStudy:
     variants: tuple[VariantResult, ...]
     margins: Mapping[str, Margins]
     engines: Agreement | None = None
+    linear: LinearCheck | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -158,6 +161,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         tuple(_variant(scenario, variant, chosen) for variant in scenario.variants),
         {name: margins(load_x29(name)) for name in dict.fromkeys((scenario.flight.airframe, *(() if other is None else (other.flown.x29.name,))))},
         None if setting.engine is BATCHED else agreement(plain(replace(first.setting, engine=BATCHED)).bank, found.bank),
+        None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
     )
 
 
