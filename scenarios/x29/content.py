@@ -12,6 +12,7 @@ from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
+from scenarios.x29.content_paper import paper_content
 from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column
@@ -61,7 +62,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
-    return content | _against(study) | _further(study)
+    return content | _against(study) | _further(study) | paper_content(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:

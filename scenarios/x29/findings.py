@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
+from scenarios.x29.paper import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
@@ -92,4 +93,4 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         )
     if study.scenario.published:
         out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
-    return (*out, *verdicts(study))
+    return (*out, *verdicts(study), *paper_sentences(study))
