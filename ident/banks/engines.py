@@ -72,10 +72,11 @@ def run_iterated_one_by_one(
         values, std = np.stack([each.values for each in found], axis=1), np.stack([each.std for each in found], axis=1)
         if before is not None:
             settled = np.max(np.abs(values - before) / np.maximum(std, np.finfo(float).tiny), axis=0, initial=0.0) < tolerance
-        if np.all(settled | ~sound) and before is not None or passes == iterations:
+        if (np.all(settled | ~sound) and before is not None) or passes == iterations:
             break
         before = values
-    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack([point for point in points if point is not None], axis=2)
+    trajectories = [point for point in points if point is not None]
+    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(trajectories, axis=2)
 
 
 def alone_by_filterpy(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:

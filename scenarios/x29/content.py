@@ -12,8 +12,9 @@ from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
+from scenarios.x29.content_paper import paper_content
 from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
-from scenarios.x29.linear_check import linear_content
+from scenarios.x29.loop.linear_check import linear_content
 from scenarios.x29.measures import Misfit
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
@@ -63,7 +64,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "versions": versions(),
     }
     content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
-    return content | _against(study) | _further(study) | _engine(study)
+    return content | _against(study) | _further(study) | _engine(study) | paper_content(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:

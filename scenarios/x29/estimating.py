@@ -16,6 +16,7 @@ from ident.statistics.noise_envelope import noise_envelope
 from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model
+from scenarios.x29.published import printed_start
 from sim.declaration.system import System
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import simulate
@@ -50,8 +51,11 @@ class Plain:
     estimate: Estimate
 
 
-def set_up(estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None) -> SetUp:
-    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of constants."""
+def set_up(
+    estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None, prior: str = ""
+) -> SetUp:
+    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of
+    constants; ``prior`` : another rule for P0 than the estimation's."""
     record = flown.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
@@ -62,10 +66,20 @@ def set_up(estimation: LoopEstimation, flown: Flown, start: Mapping[str, float],
     # The delay here is only a place holder: the bank holds it at each of its values.
     model = low_order_model(flown.x29, {**start, "delay": 0.0})
     system = loes_filter_system(model, record, noise, estimation.process_noise, ENGINEERING_STD)
+    if (prior or estimation.prior) == "printed":
+        system = _printed_prior(system)
     system = replace(system, initial=system.initial.with_prior(dict(estimation.initial_std)))
     if initial:
         system = replace(system, parameters=system.parameters.with_values(dict(initial)))
     return SetUp(record, system, noise, ENGINES[estimation.engine])
+
+
+def _printed_prior(system: System) -> System:
+    """The System with P0 of the paper's Tables 1 and 2, which are alike: it carries the simulation's over to the flight."""
+    printed = {name: cell.std for name, cell in printed_start("simulation").items() if cell.std is not None}
+    states = {name: std for name, std in printed.items() if name in system.state_names}
+    others = {name: std for name, std in printed.items() if name not in states}
+    return replace(system, initial=system.initial.with_prior(states), parameters=system.parameters.with_prior(others))
 
 
 def refined(setting: SetUp) -> DelayBank:

@@ -14,7 +14,7 @@ from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, units_of
-from scenarios.x29.linear_check import OUTPUTS
+from scenarios.x29.loop.linear_check import OUTPUTS
 from scenarios.x29.study import LoopStudy, Result
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
@@ -53,7 +53,8 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     curve = LikelihoodCurve(bank.delays, bank.log_likelihood, bank.most_likely, bank.weighted_mean, bank.refined, bank.refined_std)
     save_figure(figure_delays(curve, title), folder, "delays")
     if (check := study.linear) is not None:
-        shown = figure_linear(check.time, check.flown, check.linear, OUTPUTS, ("rad", "rad/s", "g"), check.sticks, check.curves, f"{title}\nflown and linear")
+        units, words = ("rad", "rad/s", "g"), f"{title}\nflown and linear"
+        shown = figure_linear(check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
         save_figure(shown, folder, "linear")
     if study.variants and study.scenario.peak is not None:
         rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]

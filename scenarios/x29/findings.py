@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
-from scenarios.x29.linear_check import linear_sentence
+from scenarios.x29.loop.linear_check import linear_sentence
+from scenarios.x29.paper import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
@@ -101,4 +102,4 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         )
     if study.scenario.published:
         out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
-    return (*out, *verdicts(study))
+    return (*out, *verdicts(study), *paper_sentences(study))

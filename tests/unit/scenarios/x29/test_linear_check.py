@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenarios.x29.linear_check import LinearCheck, linear_check, linear_content, linear_sentence
+from scenarios.x29.loop.linear_check import LinearCheck, linear_check, linear_content, linear_sentence
 from sim.closed_loop.nonlinear import fly_closed_loop
 from sim.closed_loop.reader import load_x29
 from sim.closed_loop.sticks import three_two_one_one

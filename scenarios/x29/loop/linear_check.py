@@ -103,8 +103,8 @@ def linear_sentence(check: LinearCheck) -> str:
     verdict = "two writings of one loop" if check.same else "NOT the same loop"
     return (
         f"flown against the linear loop's forced response (python-control) to the same stick, root mean square over the response's: {told}; "
-        f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit is met in {100.0 * check.limited:.2g} % of the frames; "
-        f"at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, without the break-out by {_percent(free)}"
+        f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit is met in {100.0 * check.limited:.2g} % of "
+        f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, without the break-out by {_percent(free)}"
     )
 
 
