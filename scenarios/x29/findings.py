@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ident.estimate import Estimate
 from scenarios.x29.loop.linear_check import linear_sentence
-from scenarios.x29.paper import paper_sentences
+from scenarios.x29.paper.sentences import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
