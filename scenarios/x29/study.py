@@ -20,7 +20,7 @@ from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, pla
 from scenarios.x29.flying import Flown, fly_loop, low_order_model
 from scenarios.x29.loop.linear_check import LinearCheck, linear_check
 from scenarios.x29.measures import Misfit, misfit, sensor_noise
-from scenarios.x29.paper.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
+from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
 from scenarios.x29.variants import VariantResult, run_variant
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.linear import Margins, margins

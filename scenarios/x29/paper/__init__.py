@@ -1,1 +1,1 @@
-"""NASA TM-101722 itself: its procedure on our record, what its own numbers say, and both beside each other."""
+"""NASA TM-101722 itself: what its own numbers say, and its tables beside ours."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ident.banks.delays import DELAYS
-from scenarios.x29.paper.methods import MethodResult, between_grid_points, of_refined
+from scenarios.x29.methods import MethodResult, between_grid_points, of_refined
 from scenarios.x29.published import has_table, printed_checks, printed_column, printed_density, printed_noise, printed_start
 from scenarios.x29.study import LoopStudy
 
