@@ -23,8 +23,8 @@ from tests.oracles.short_period_tables import CORRELATION, MISREAD, NAMES, NOISY
 ROOT = Path(__file__).parents[2]
 TEXT = ROOT.parent / "shared" / "seeds" / "000_56b834f8104b08bf.txt"
 FILE, CATALOG = ROOT / "scenarios/studies/published/short_period_dynamics.toml", ROOT / "scenarios/catalog"
-WITH_R = ("simulation", "flight", "time-shift", "convergence", "spike")  # scenarios with the paper's R; those with Q follow from it
-WITH_Q = WITH_R[:-1]
+WITH_Q = ("simulation", "flight", "time-shift", "convergence", "final-peak")  # scenarios with the paper's R and Q
+WITH_R = (*WITH_Q, "innovations")
 SAMPLE = 0.025  # s, of the paper's telemetry
 NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?:e-?\d+)?(?![\w.])")
 NEAR_ZERO = ("delta", "L_delta", "L_q", "L_0", "M_0", "delta_0")  # whose P0 the paper's rule leaves to judgement
@@ -97,7 +97,7 @@ def test_starts_r_and_q_of_the_scenarios_are_the_papers_and_a_change_is_found() 
             for other in mutations(text[:end], begin):
                 tried += 1
                 assert len(wrong_settings({**scenarios, name: read(other + text[end:])})) == 1, other[begin:]
-    assert tried == 5 * 3 + 1 + 4 + 7 + 4, "R of three outputs, its share, Q, seven starts, four of them negative"
+    assert tried == 6 * 3 + 1 + 5 + 7 + 4, "R of three outputs, its share, Q, seven starts, four of them negative"
 
 
 def test_constants_of_the_filter_are_the_papers() -> None:
