@@ -7,6 +7,7 @@ q_dot = M_alpha alpha + M_q q + M_delta delta, nz = -(V/g) [L_alpha alpha + (L_q
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -71,7 +72,9 @@ def equivalent_system(x29: X29, L_q: float = 1.01, low: float = 0.35, high: floa
     return fit_equivalent(omega, response, x29.airframe.airspeed, x29.airframe.gravity, L_q)
 
 
-def fit_equivalent(omega: np.ndarray, response: np.ndarray, airspeed: float, gravity: float, L_q: float = 1.01) -> EquivalentSystem:
+def fit_equivalent(
+    omega: np.ndarray, response: np.ndarray, airspeed: float, gravity: float, L_q: float = 1.01, start: Mapping[str, float] | None = None
+) -> EquivalentSystem:
     """Fits a low-order equivalent system to responses of alpha, q and nz per inch of stick.
 
     Parameters
@@ -80,6 +83,7 @@ def fit_equivalent(omega: np.ndarray, response: np.ndarray, airspeed: float, gra
     response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere zero.
     airspeed, gravity : m/s, m/s2.
     L_q : held at this value.
+    start : values of ``FITTED_NAMES`` to begin the search at, for example those of a loop nearby.
 
     Returns the least-squares fit of gain in dB and weighted phase over all three channels with equal weight.
     Raises ModelError when shapes do not agree, a frequency is not positive, or a response is zero or not finite.
@@ -100,7 +104,8 @@ def fit_equivalent(omega: np.ndarray, response: np.ndarray, airspeed: float, gra
         ratio = np.log(equivalent_response(dict(zip(FITTED_NAMES, p, strict=True)), omega, airspeed, gravity, L_q) / response)
         return np.concatenate([_DECIBEL * ratio.real.ravel(), _PHASE * ratio.imag.ravel()])
 
-    found = least_squares(errors, _START, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000)
+    begin = _START if start is None else np.array([start[name] for name in FITTED_NAMES])
+    found = least_squares(errors, begin, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000)
     values = {name: float(value) for name, value in zip(FITTED_NAMES, found.x, strict=True)}
     stiffness = values["L_alpha"] * values["M_q"] - L_q * values["M_alpha"]
     frequency = math.sqrt(stiffness) if stiffness > 0 else 0.0
