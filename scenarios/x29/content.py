@@ -12,11 +12,11 @@ from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
-from scenarios.x29.content_paper import paper_content
-from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
+from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.loop.linear_check import linear_content
 from scenarios.x29.loop.open_margins import margins_content
-from scenarios.x29.measures import Misfit
+from scenarios.x29.measures import LARGE, Misfit
+from scenarios.x29.paper.content import paper_content
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
 from sim.closed_loop.linear import Margins

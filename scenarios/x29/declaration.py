@@ -142,7 +142,7 @@ class LoopScenario:
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
-    methods : names of ``methods.METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
+    methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """

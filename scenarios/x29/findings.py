@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from ident.estimate import Estimate
 from scenarios.x29.loop.linear_check import linear_sentence
 from scenarios.x29.loop.open_margins import margins_sentence
-from scenarios.x29.paper import paper_sentences
+from scenarios.x29.paper.sentences import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
-LARGE = 0.9
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency
 PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase margin too"

@@ -11,6 +11,8 @@ from ident.statistics.residuals import ljung_box
 from scenarios.x29.flying import Flown
 from sim.record import Record
 
+LARGE = 0.9  # size of a correlation that is worth a mark
+
 
 @dataclass(frozen=True)
 class Misfit:

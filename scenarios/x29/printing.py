@@ -12,8 +12,9 @@ from ident.flying_qualities.handling_qualities import Level
 from scenarios.terminal.numbers import console, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content
-from scenarios.x29.findings import LARGE, sentences
-from scenarios.x29.printing_paper import print_paper, print_triangle
+from scenarios.x29.findings import sentences
+from scenarios.x29.measures import LARGE
+from scenarios.x29.paper.printing import print_paper, print_triangle
 from scenarios.x29.published import printed_checks, printed_column
 from scenarios.x29.study import LoopStudy
 

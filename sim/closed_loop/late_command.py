@@ -41,9 +41,9 @@ class LateLoop:
     def response(self, omega: np.ndarray) -> np.ndarray:
         """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3, n)``, per inch; ``omega`` in rad/s."""
         z = np.exp(1j * np.asarray(omega) * self.frame)
-        moved, law, shaped = (np.asarray(block(z, squeeze=False)) for block in (self.plant, self.law, self.shaping))
-        returned = -(law[0, 1] * moved[6, 0] + law[0, 2] * moved[7, 0])
-        return np.asarray(moved[:3, 0] * law[0, 0] * shaped[0, 0] / (1.0 + returned))
+        moved, law, shaped = (_at(block, z) for block in (self.plant, self.law, self.shaping))
+        returned = -(law[:, 0, 1] * moved[:, 6, 0] + law[:, 0, 2] * moved[:, 7, 0])
+        return np.asarray(moved[:, :3, 0].T * law[:, 0, 0] * shaped[:, 0, 0] / (1.0 + returned))
 
 
 def late_loop(x29: X29, late: float) -> LateLoop:
@@ -61,6 +61,12 @@ def late_loop(x29: X29, late: float) -> LateLoop:
         control.ss(shaping.A, gain * shaping.B, shaping.C, gain * shaping.D, x29.frame),
         x29.frame,
     )
+
+
+def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
+    """Transfer matrices ``(n, outputs, inputs)`` at ``z (n,)``, all in one solution; python-control's own call takes one point after the other."""
+    resolvent = z[:, None, None] * np.eye(block.nstates) - block.A
+    return np.asarray(block.C @ np.linalg.solve(resolvent, np.broadcast_to(block.B, (z.size, *block.B.shape))) + block.D)
 
 
 def _late_plant(x29: X29, late: float) -> StateSpace:

@@ -13,7 +13,7 @@ import numpy as np
 
 from scenarios.x29.published import printed_column
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equivalent import FITTED_NAMES, EquivalentSystem, fit_equivalent
+from sim.closed_loop.equivalent import EquivalentSystem, fit_equivalent
 from sim.closed_loop.late_command import late_loop
 from sim.closed_loop.linear import Margins, loop_margins
 
@@ -134,8 +134,7 @@ def changed(x29: X29, p: np.ndarray) -> X29:
 def equivalent_of(x29: X29, late: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
     """The low-order equivalent of a loop with a computing delay of ``late`` s, begun at that of a loop nearby."""
     response = late_loop(x29, late).response(OMEGA)
-    begin = None if near is None else {name: float(getattr(near, name)) for name in FITTED_NAMES}
-    return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, start=begin)
+    return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
 
 
 def _deviations(found: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.x29.findings import LARGE
+from scenarios.x29.measures import LARGE
 from scenarios.x29.methods import MethodResult, between_grid_points
-from scenarios.x29.paper import own_method
+from scenarios.x29.paper.sentences import own_method
 from scenarios.x29.published import (
     TURNED,
     has_table,

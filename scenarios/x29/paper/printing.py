@@ -7,10 +7,10 @@ from rich.console import Console
 
 from scenarios.terminal.numbers import number
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
-from scenarios.x29.content_paper import beside, noted_pairs
-from scenarios.x29.findings import LARGE
+from scenarios.x29.measures import LARGE
 from scenarios.x29.methods import MethodResult
-from scenarios.x29.paper import COMPARED, off, own_method
+from scenarios.x29.paper.content import beside, noted_pairs
+from scenarios.x29.paper.sentences import COMPARED, off, own_method
 from scenarios.x29.published import has_table, printed_column, printed_correlation
 from scenarios.x29.study import LoopStudy
 
