@@ -14,6 +14,7 @@ from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.loop.linear_check import linear_content
+from scenarios.x29.loop.open_margins import margins_content
 from scenarios.x29.measures import LARGE, Misfit
 from scenarios.x29.paper.content import paper_content
 from scenarios.x29.published import printed_column
@@ -64,6 +65,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "versions": versions(),
     }
     content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
+    content |= {} if study.open_margins is None else {"open_margins": margins_content(study.open_margins)}
     return content | _against(study) | _further(study) | _engine(study) | paper_content(study)
 
 

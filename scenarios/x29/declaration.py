@@ -53,7 +53,7 @@ class LoopFlight:
 
     Attributes
     ----------
-    airframe : ``"P"``, ``"S"`` or ``"F"``. duration : s.
+    airframe : ``"P"``, ``"S"``, ``"F"`` or ``"D"``. duration : s.
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
@@ -115,6 +115,16 @@ class Against:
 
 
 @dataclass(frozen=True)
+class MarginPlan:
+    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a Latin hypercube (none: the study is left
+    out), their ``seed``, and an airframe to show ``beside`` the two."""
+
+    samples: int
+    seed: int = 1
+    beside: str = ""
+
+
+@dataclass(frozen=True)
 class Variant:
     """The same scenario flown or estimated differently, to see what an observation hangs on."""
 
@@ -132,7 +142,7 @@ class LoopScenario:
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
-    methods : names of ``METHODS`` whose results stand beside the scenario's own.
+    methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
@@ -151,4 +161,5 @@ class LoopScenario:
     peak: tuple[float, float] | None = None
     findings: str = ""
     methods: tuple[str, ...] = ()
+    margins: MarginPlan | None = None
     seed: int = 1

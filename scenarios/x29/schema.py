@@ -11,7 +11,7 @@ from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.catalogue import with_change
 from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
-from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, Spike, StickPlan, Variant
+from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, MarginPlan, Spike, StickPlan, Variant
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_DERIVATIVES
 
@@ -40,7 +40,7 @@ class _Spike(_Strict):
 
 
 class _Flight(_Strict):
-    airframe: Literal["P", "S", "F"]
+    airframe: Literal["P", "S", "F", "D"]
     duration: Quantity
     stick: _Stick
     noise: bool = True
@@ -65,6 +65,12 @@ class _Estimate(_Strict):
     restarts: int = Field(default=0, ge=0, le=30)
     prior: Literal["quarter", "printed"] = "quarter"
     engine: Literal["batched", "filterpy"] = "batched"
+
+
+class _Margins(_Strict):
+    samples: int = Field(ge=0, le=10_000)
+    seed: int = Field(default=1, ge=0)
+    beside: Literal["P", "S", "F", "D"] | None = None
 
 
 class _Against(_Strict):
@@ -95,6 +101,7 @@ class _Scenario(_Strict):
     stretch: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     peak: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     methods: list[str] = []
+    margins: _Margins | None = None
     findings: str = ""
 
 
@@ -122,6 +129,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
         _methods(content.methods, f"{where}, key methods"),
+        _margins(content, where),
         content.seed,
     )
 
@@ -207,6 +215,14 @@ def _estimation(estimate: _Estimate, where: str) -> LoopEstimation:
         estimate.prior,
         estimate.engine,
     )
+
+
+def _margins(content: _Scenario, where: str) -> MarginPlan | None:
+    plan = content.margins
+    if plan is not None and content.against is None:
+        what = "margins are those of two loops, and there is one"
+        raise DeclarationError(what, where=f"{where}, key margins", remedy="declare [against], or leave it out")
+    return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
 
 
 def _methods(names: list[str], where: str) -> tuple[str, ...]:

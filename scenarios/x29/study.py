@@ -19,6 +19,7 @@ from scenarios.x29.declaration import LoopScenario
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, set_up, started_again
 from scenarios.x29.flying import Flown, fly_loop, low_order_model
 from scenarios.x29.loop.linear_check import LinearCheck, linear_check
+from scenarios.x29.loop.open_margins import OpenMargins, open_margins
 from scenarios.x29.measures import Misfit, misfit, sensor_noise
 from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
 from scenarios.x29.variants import VariantResult, run_variant
@@ -69,7 +70,8 @@ class LoopStudy:
     ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first`` the refined bank before any restart,
     ``passes`` the estimates from restart to restart, ``restarts`` those of plain filters by label; ``methods`` as the scenario names
     them; ``other`` the result compared with; ``together`` plain results of several scenarios by name; ``margins`` by airframe;
-    ``engines`` how far another engine's filters are from the batched ones; ``linear`` the flown loop against the linear one.
+    ``engines`` how far another engine's filters are from the batched ones; ``linear`` the flown loop against the linear one; ``open_margins``
+    what the paper leaves open of the margins, None where the scenario varies nothing.
     """
 
     scenario: LoopScenario
@@ -95,6 +97,7 @@ class LoopStudy:
     margins: Mapping[str, Margins]
     engines: Agreement | None = None
     linear: LinearCheck | None = None
+    open_margins: OpenMargins | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -138,6 +141,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
+    found_margins = _margins(scenario, other)
     estimate = result.estimate
     z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
@@ -161,10 +165,27 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         derived,
         {name: _plain_of(loop_scenario(name)) for name in scenario.together},
         tuple(run_variant(scenario, variant, chosen, start) for variant in scenario.variants),
-        {name: margins(load_x29(name)) for name in dict.fromkeys((scenario.flight.airframe, *(() if other is None else (other.flown.x29.name,))))},
+        found_margins,
         None if setting.engine is BATCHED else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
         None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
+        _open_margins(scenario, found_margins),
     )
+
+
+def _margins(scenario: LoopScenario, other: Result | None) -> dict[str, Margins]:
+    """Margins of the airframe, of the one compared with, and of the one beside them."""
+    beside = [] if scenario.margins is None else [scenario.margins.beside]
+    names = [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name]), *beside]
+    return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
+
+
+def _open_margins(scenario: LoopScenario, found: Mapping[str, Margins]) -> OpenMargins | None:
+    """The study of the margins of the first two airframes of ``found``."""
+    plan, names = scenario.margins, list(found)
+    if plan is None or not plan.samples or len(names) < 2:
+        return None
+    declared = found[names[0]].phase - found[names[1]].phase
+    return open_margins(load_x29(names[1]), load_x29(names[0]), plan.samples, plan.seed, declared)
 
 
 def response_check(result: Result) -> ResponseCheck:
