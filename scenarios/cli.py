@@ -145,6 +145,9 @@ def identify(
     band: Annotated[
         tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
     ] = None,
+    engine: Annotated[
+        str | None, typer.Option("--engine", metavar="ENGINE", help="Who runs the filters of loes by ekf: batched (usual) or filterpy, one by one.")
+    ] = None,
     aircraft_class: Class = None,
     category: Category = None,
     matrices: Annotated[
@@ -160,7 +163,7 @@ def identify(
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    identify_records(request, method, out, figures, options_of(profile, band), matrices)
+    identify_records(request, method, out, figures, options_of(profile, band, engine), matrices)
 
 
 @app.command()

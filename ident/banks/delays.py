@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate, run_bank
-from ident.banks.iterated import run_iterated_bank
-from ident.banks.single_filter import filter_alone
+from ident.banks.bank import BankEstimate
+from ident.banks.engines import BATCHED, BankEngine
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import FilterSettings
 from sim.declaration.system import System
@@ -75,6 +74,7 @@ def run_delay_bank(
     *,
     name: str = "delay",
     widenings: int = WIDENINGS,
+    engine: BankEngine = BATCHED,
 ) -> DelayBank:
     """Run a filter for each delay in one batched pass, then refine.
 
@@ -86,6 +86,7 @@ def run_delay_bank(
     widenings : at most how often the refined bank goes on with priors made wide enough where the record contradicts them, so that the
         result hangs on no start that is far off; each such prior's sigma becomes the distance from start to estimate. With 0 the declared
         priors stand.
+    engine : who runs the filters; the result is the same.
 
     Raises
     ------
@@ -95,10 +96,10 @@ def run_delay_bank(
     if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):
         raise ModelError("fewer than three delays, or not increasing", where="delay bank", remedy="give three or more in order, in s")
     settings = settings or FilterSettings()
-    bank = run_bank(record, system, settings, held={name: grid})
+    bank = engine.run(record, system, settings, held={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = _closing_in(record, system, settings, name, grid, float(grid[best]), between, None)
+    found = _closing_in(engine, record, system, settings, name, grid, float(grid[best]), between, None)
     for _ in range(widenings):
         held_back = contradicted(system, found.parameters)
         if not held_back:
@@ -106,9 +107,9 @@ def run_delay_bank(
         system = _widened(system, held_back)
         half = 0.5 * (between[1] - between[0])
         between = (max(found.delay - half, float(grid[0])), min(found.delay + half, float(grid[-1])))
-        found = _closing_in(record, system, settings, name, grid, found.delay, between, found.about)
+        found = _closing_in(engine, record, system, settings, name, grid, found.delay, between, found.about)
     held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
-    estimate = filter_alone(record, held, settings, None if found.about is None else found.about[:, :, 0])
+    estimate = engine.alone(record, held, settings, None if found.about is None else found.about[:, :, 0])
     held_back = contradicted(system, estimate.as_dict())
     if held_back and estimate.outcome is Outcome.CONVERGED:
         told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
@@ -163,6 +164,7 @@ class _Found:
 
 
 def _closing_in(
+    engine: BankEngine,
     record: Record,
     system: System,
     settings: FilterSettings,
@@ -181,7 +183,7 @@ def _closing_in(
     nowhere = _Found(best, 0.0, np.zeros(0), about, {})
     for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
-        bank, trajectories = run_iterated_bank(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
+        bank, trajectories = engine.iterated(record, system, settings, held={name: fine}, about=about, tolerance=np.inf)
         if not np.any(bank.sound):
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
@@ -198,7 +200,7 @@ def _closing_in(
         spacing = fine[1] - fine[0]
         fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
         if fall <= _PARABOLA or spacing <= _FINEST:
-            bank, trajectories = run_iterated_bank(
+            bank, trajectories = engine.iterated(
                 record, system, settings, held={name: fine[near]}, about=trajectories[:, :, near], tolerance=_SETTLED
             )
             delay, curvature = vertex(fine[near], bank.log_likelihood)

@@ -37,10 +37,10 @@ SCHEMA = "flightid/comparison/1"
 ALL = "all"  # of --profile: every parameter
 
 
-def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None) -> Options:
+def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None) -> Options:
     """What a command line asks besides the method."""
     names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
-    return Options(names, band)
+    return Options(names, band, engine)
 
 
 def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:

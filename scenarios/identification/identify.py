@@ -63,7 +63,7 @@ def identify(
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
     if vehicle.model == "loes" and method == "ekf":
-        return _low_order(record, vehicle, held_out)
+        return _low_order(record, vehicle, held_out, options.engine)
     model, records, held_out, said = _declared(model or model_of_file(vehicle), records, held_out, vehicle, method)
     outputs = _measured(model, records)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
@@ -127,11 +127,11 @@ def _derived(vehicle: VehicleFile, system: System, estimate: Estimate, flown: Es
     return derived
 
 
-def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record]) -> Identification:
+def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record], engine: str | None) -> Identification:
     """The low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
-    found = identify_loes(record, vehicle)
+    found = identify_loes(record, vehicle, engine)
     model, settings = model_of_file(vehicle), FitSettings(FIT_STEP)
     outputs = [signal.name for signal in model.equations.outputs if signal.name in record.output_names]
     system = compile_model(model.with_biases(outputs), outputs)

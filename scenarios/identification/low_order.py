@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.banks.delays import DelayBank, run_delay_bank
+from ident.banks.engines import BATCHED, ENGINES
 from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import qualities
 from ident.statistics.noise_envelope import noise_envelope
@@ -35,8 +36,8 @@ _FEWEST_QUIET = 8
 _STILL, _OFF_TRIM = 3.0, 5.0  # noise deviations: scatter of a channel at rest, and a level that is no scatter
 
 
-def identify_loes(record: Record, vehicle: VehicleFile) -> Identification:
-    """Run the bank of delays with a refined delay over a record, from a vehicle file's starting values.
+def identify_loes(record: Record, vehicle: VehicleFile, engine: str | None = None) -> Identification:
+    """Run the bank of delays with a refined delay over a record, from a vehicle file's starting values, by an engine of ``ENGINES``.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def identify_loes(record: Record, vehicle: VehicleFile) -> Identification:
     offsets = trim_of(record, noise)
     about_trim = less(record, offsets)
     system = filter_system(about_trim, vehicle, noise)
-    found = run_delay_bank(about_trim, system)
+    found = run_delay_bank(about_trim, system, engine=ENGINES[engine] if engine else BATCHED)
     trim = np.array([offsets.get(name, 0.0) for name in found.estimate.output_names])[:, None]
     estimate = replace(found.estimate, fitted=tuple(rows + trim for rows in found.estimate.fitted))
     z, valid = record.output_array(estimate.output_names)
@@ -54,7 +55,8 @@ def identify_loes(record: Record, vehicle: VehicleFile) -> Identification:
     fixed = {item.name: (item.value, item.unit) for item in system.parameters if not item.free and item.name not in estimate.names}
     if "delay" in fixed:
         fixed["delay"] = (found.refined, "s")
-    return Identification(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived_of(estimate, vehicle, weighted_delay(found)), fixed, tests)
+    derived, said = derived_of(estimate, vehicle, weighted_delay(found)), (f"filters run by the {engine} engine",) if engine else ()
+    return Identification(record, vehicle, "ekf", estimate, rows_of(estimate), (), derived, fixed, tests, notes=said)
 
 
 def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:

@@ -19,7 +19,7 @@ from sim.vehicles.factory import loes_filter_model
 # better than to a quarter (a tenth in the tables); nz_0's is not printed: [own].
 ENGINEERING_STD = {"delta": 0.01, "L_delta": 0.025, "L_q": 0.1, "L_0": 0.01, "M_0": 0.1, "delta_0": 1.5, "nz_0": 0.5}
 # Table 1, initial state estimate, with the sign of the pseudo-control turned; SI, per inch of stick. The delay is the bank's.
-PAPER_START = {"L_alpha": -1.91, "M_alpha": -14.0, "L_delta": -1.30e-3, "M_delta": 0.377, "L_q": 1.01, "M_q": -3.68, "inv_tau": 7.92, "delay": 0.0}
+PAPER_START = {"L_alpha": -1.91, "M_alpha": -14.0, "L_delta": -1.30e-4, "M_delta": 0.377, "L_q": 1.01, "M_q": -3.68, "inv_tau": 7.92, "delay": 0.0}
 SIMULATION_SHARE = 0.1  # of the flight's noise deviations: R / 100
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.banks.engines import ENGINES
 from ident.estimate import Estimate, Outcome
 from ident.filters.iterated_ekf import run_iterated_ekf
 from ident.whole_record.output_error import FitSettings, fit_output_error
@@ -59,8 +60,18 @@ def refuse_method(records: Sequence[Record], vehicle: VehicleFile, method: str, 
     if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
         what = "the bank of delays estimates every derivative from its start, and the vehicle file fixes or ties some"
         raise DeclarationError(what, where="--method", remedy="use output-error, filter-error or frequency-domain")
+    if options.engine is not None:
+        _refuse_engine(options.engine, vehicle, method)
     if vehicle.model == "loes" and method == "ukf":
         raise DeclarationError("a pure delay has no unscented filter here", where="--method", remedy="use ekf: a bank of filters, refined")
+
+
+def _refuse_engine(engine: str, vehicle: VehicleFile, method: str) -> None:
+    if engine not in ENGINES:
+        raise DeclarationError(f"there is no engine {engine!r}", where="--engine", remedy=f"use one of {', '.join(ENGINES)}")
+    if vehicle.model != "loes" or method != "ekf":
+        remedy = "leave it out; every other filter is run by filterpy alone, and no other method is a filter's"
+        raise DeclarationError("only the bank of delays has two engines (--model loes --method ekf)", where="--engine", remedy=remedy)
 
 
 def _refuse_beyond_measure(record: Record) -> None:

@@ -60,10 +60,12 @@ class Options:
     """What an identification is asked besides its method.
 
     ``profile``: parameters whose interval is wanted, empty for all, None for none. ``band``: Hz, of the frequency domain; None: from the data.
+    ``engine``: who runs the bank of delays, a key of ``ident.banks.engines.ENGINES``; None: not said.
     """
 
     profile: tuple[str, ...] | None = None
     band: tuple[float, float] | None = None
+    engine: str | None = None
 
 
 PLAIN = Options()

@@ -12,8 +12,11 @@ from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
-from scenarios.x29.findings import LARGE, bias_rows, not_identifiable, sentences
-from scenarios.x29.measures import Misfit
+from scenarios.x29.findings import bias_rows, not_identifiable, sentences
+from scenarios.x29.loop.linear_check import linear_content
+from scenarios.x29.loop.open_margins import margins_content
+from scenarios.x29.measures import LARGE, Misfit
+from scenarios.x29.paper.content import paper_content
 from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
 from sim.closed_loop.linear import Margins
@@ -61,7 +64,9 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
         "versions": versions(),
     }
-    return content | _against(study) | _further(study)
+    content |= {} if study.linear is None else {"linear": linear_content(study.linear)}
+    content |= {} if study.open_margins is None else {"open_margins": margins_content(study.open_margins)}
+    return content | _against(study) | _further(study) | _engine(study) | paper_content(study)
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
@@ -131,6 +136,15 @@ def _further(study: LoopStudy) -> dict[str, Any]:
             {"name": v.name, "label": v.label, "delay": v.delay, **_values(v.estimate), "misfit": _misfit(v.misfit)} for v in study.variants
         ]
     return out
+
+
+def _engine(study: LoopStudy) -> dict[str, Any]:
+    """Another engine than the batched bank, and how far from it its filters are."""
+    found = study.engines
+    if found is None:
+        return {}
+    apart = {"mean_sigmas": found.mean, "std_share": found.std, "log_likelihood_share": found.log_likelihood, "same_sound": found.sound}
+    return {"engine": {"name": study.scenario.estimation.engine, "against_batched": apart}}
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:

@@ -7,6 +7,19 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 _NONE: Mapping[str, float] = MappingProxyType({})
+# Ways to estimate one record that a scenario may have beside its own: what each is called in a table.
+METHODS: Mapping[str, str] = MappingProxyType(
+    {
+        "paper": "the paper's: plain bank, printed P0",
+        "paper-other": "its filter on the record's other side",
+        "paper-density": "the paper's, printed Q as a density",
+        "plain-quarter": "plain bank, P0 a quarter of the start",
+        "held": "plain filter at the refined delay",
+        "relinearised": "linearised anew at the bank's delay",
+        "refined-printed": "refined, printed P0",
+        "refined-quarter": "refined, P0 a quarter of the start",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -40,13 +53,14 @@ class LoopFlight:
 
     Attributes
     ----------
-    airframe : ``"P"``, ``"S"`` or ``"F"``. duration : s.
+    airframe : ``"P"``, ``"S"``, ``"F"`` or ``"D"``. duration : s.
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
     low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's order does.
     gust : spectral density of white vertical-gust forcing of the low-order truth's pitch rate, (rad/s2)^2 s; 0 without.
     spike : in the recorded stick; the control computer did not see it.
+    noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
     """
 
     airframe: str
@@ -59,6 +73,7 @@ class LoopFlight:
     low_order: bool = False
     gust: float = 0.0
     spike: Spike | None = None
+    noise_std: Mapping[str, float] = field(default_factory=lambda: _NONE)
 
 
 @dataclass(frozen=True)
@@ -72,7 +87,9 @@ class LoopEstimation:
     process_noise : spectral densities by state, (unit/s)^2 s.
     initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not given, as in the paper.
     window_start, window_stop : part of the record that is used, s.
+    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's Tables 1 and 2.
     restarts : start the refined filter again from its own result until it settles, at most so often.
+    engine : who runs the filters, a key of ``ident.banks.engines.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -84,6 +101,8 @@ class LoopEstimation:
     window_start: float | None = None
     window_stop: float | None = None
     restarts: int = 0
+    prior: str = "quarter"
+    engine: str = "batched"
 
 
 @dataclass(frozen=True)
@@ -93,6 +112,16 @@ class Against:
     scenario: str
     label: str
     changes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MarginPlan:
+    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a Latin hypercube (none: the study is left
+    out), their ``seed``, and an airframe to show ``beside`` the two."""
+
+    samples: int
+    seed: int = 1
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,6 +142,7 @@ class LoopScenario:
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
+    methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
@@ -130,4 +160,6 @@ class LoopScenario:
     stretch: tuple[float, float] | None = None
     peak: tuple[float, float] | None = None
     findings: str = ""
+    methods: tuple[str, ...] = ()
+    margins: MarginPlan | None = None
     seed: int = 1

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate, run_bank
+from ident.banks.bank import BankEstimate
 from ident.banks.delays import DELAYS, DelayBank, likelihood_weights, run_delay_bank
-from ident.banks.iterated import run_iterated_bank
-from ident.banks.single_filter import filter_alone
+from ident.banks.engines import BATCHED, ENGINES, BankEngine
 from ident.estimate import Estimate, Outcome
 from ident.filters.smoother import smooth
 from ident.statistics.noise_envelope import noise_envelope
 from scenarios.identification.low_order_filter import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import LoopEstimation
 from scenarios.x29.flying import Flown, low_order_model
+from scenarios.x29.published import printed_start
 from sim.declaration.system import System
 from sim.propagation.grid import drive_from_record, make_grid
 from sim.propagation.integrate import simulate
@@ -28,11 +28,12 @@ ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 @dataclass(frozen=True, eq=False)
 class SetUp:
-    """A record cut to the window, the filter's System for it, and the noise it assumes."""
+    """A record cut to the window, the filter's System for it, the noise it assumes, and who runs it."""
 
     record: Record
     system: System
     noise_std: Mapping[str, float]
+    engine: BankEngine = BATCHED
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,11 @@ class Plain:
     estimate: Estimate
 
 
-def set_up(estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None) -> SetUp:
-    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of constants."""
+def set_up(
+    estimation: LoopEstimation, flown: Flown, start: Mapping[str, float], initial: Mapping[str, float] | None = None, prior: str = ""
+) -> SetUp:
+    """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file; ``initial`` : further starts of
+    constants; ``prior`` : another rule for P0 than the estimation's."""
     record = flown.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
@@ -62,21 +66,31 @@ def set_up(estimation: LoopEstimation, flown: Flown, start: Mapping[str, float],
     # The delay here is only a place holder: the bank holds it at each of its values.
     model = low_order_model(flown.x29, {**start, "delay": 0.0})
     system = loes_filter_system(model, record, noise, estimation.process_noise, ENGINEERING_STD)
+    if (prior or estimation.prior) == "printed":
+        system = _printed_prior(system)
     system = replace(system, initial=system.initial.with_prior(dict(estimation.initial_std)))
     if initial:
         system = replace(system, parameters=system.parameters.with_values(dict(initial)))
-    return SetUp(record, system, noise)
+    return SetUp(record, system, noise, ENGINES[estimation.engine])
+
+
+def _printed_prior(system: System) -> System:
+    """The System with P0 of the paper's Tables 1 and 2, which are alike: it carries the simulation's over to the flight."""
+    printed = {name: cell.std for name, cell in printed_start("simulation").items() if cell.std is not None}
+    states = {name: std for name, std in printed.items() if name in system.state_names}
+    others = {name: std for name, std in printed.items() if name not in states}
+    return replace(system, initial=system.initial.with_prior(states), parameters=system.parameters.with_prior(others))
 
 
 def refined(setting: SetUp) -> DelayBank:
     """The bank with a delay between its grid points; P0 stays as the paper's rule has it, also where the record contradicts it."""
-    return run_delay_bank(setting.record, setting.system, widenings=0)
+    return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
 
 def plain(setting: SetUp) -> Plain:
     """One pass of nine filters, and the estimate of the most likely one."""
     system, delays = setting.system, np.array(DELAYS)
-    bank = run_bank(setting.record, system, held={"delay": delays})
+    bank = setting.engine.run(setting.record, system, held={"delay": delays})
     best, n_x = int(np.argmax(bank.log_likelihood)), len(system.states)
     names = bank.names[n_x:]
     weights = likelihood_weights(bank.log_likelihood)
@@ -106,9 +120,9 @@ def started_again(estimation: LoopEstimation, flown: Flown, found: Estimate) -> 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
     """A quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the likeliest filter and its delay (s)."""
     delays = np.array(ROUGH_DELAYS)
-    bank, trajectories = run_iterated_bank(setting.record, setting.system, held={"delay": delays}, tolerance=np.inf)
+    bank, trajectories = setting.engine.iterated(setting.record, setting.system, held={"delay": delays}, tolerance=np.inf)
     best = int(np.argmax(bank.log_likelihood))
-    return filter_alone(setting.record, _at(setting.system, float(delays[best])), about=trajectories[:, :, best]), float(delays[best])
+    return setting.engine.alone(setting.record, _at(setting.system, float(delays[best])), None, trajectories[:, :, best]), float(delays[best])
 
 
 def free_simulation(setting: SetUp, estimate: Estimate, delay: float) -> np.ndarray:

@@ -7,12 +7,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from scenarios.plots.closed_loop import figure_linear, figure_open_margins
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, units_of
+from scenarios.x29.loop.linear_check import OUTPUTS
+from scenarios.x29.loop.open_margins import OpenMargins
+from scenarios.x29.loop.open_values import OPEN
+from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
@@ -33,7 +38,7 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
         shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
         other = figure_fit(study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None)
         save_figure(other, folder, "fit_other")
-        save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title), folder, "compared")
+        save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title, _printed(study)), folder, "compared")
     save_figure(figure_innovations(history, estimate.output_names, units_of(record, estimate.output_names), title), folder, "innovations")
     system = result.setting.system
     items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
@@ -50,6 +55,12 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     bank = result.bank
     curve = LikelihoodCurve(bank.delays, bank.log_likelihood, bank.most_likely, bank.weighted_mean, bank.refined, bank.refined_std)
     save_figure(figure_delays(curve, title), folder, "delays")
+    if (check := study.linear) is not None:
+        units, words = ("rad", "rad/s", "g"), f"{title}\nflown and linear"
+        shown = figure_linear(check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
+        save_figure(shown, folder, "linear")
+    if study.open_margins is not None:
+        _draw_margins(study, study.open_margins, folder)
     if study.variants and study.scenario.peak is not None:
         rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]
         save_figure(figure_peaks(rows, "final peak of q, free simulation against measured (%)", title), folder, "variants")
@@ -59,6 +70,23 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
         found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
         rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
         save_figure(figure_peaks(rows, words, title), folder, "variants")
+
+
+def _printed(study: LoopStudy) -> list[dict[str, float]]:
+    """Printed values of the other scenario's column and of this one's, as far as there are any."""
+    scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
+    columns = [scenario.published[0] if scenario is not None and scenario.published else "" for scenario in scenarios]
+    return [{name: cell.value for name, cell in printed_column(each).items()} if each else {} for each in columns]
+
+
+def _draw_margins(study: LoopStudy, found: OpenMargins, folder: Path) -> None:
+    """Every point that has the paper's equivalents, the declared airframes, and what each open value does."""
+    clouds = [(each.name, each.simulation[each.plausible], each.flight[each.plausible]) for each in found.designs]
+    (own, mine), (against, theirs), *beside = study.margins.items()
+    declared = [(f"{name} and {against}, declared", theirs.phase, each.phase) for name, each in ((own, mine), *beside)]
+    effects = [(item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects]
+    title = f"{study.scenario.title}\nphase margins that the paper's numbers leave open"
+    save_figure(figure_open_margins(clouds, declared, effects, title), folder, "margins")
 
 
 def _response(label: str, outputs: np.ndarray) -> Response:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ident.estimate import Estimate
+from scenarios.x29.loop.linear_check import linear_sentence
+from scenarios.x29.loop.open_margins import margins_sentence
+from scenarios.x29.paper.sentences import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
 
-LARGE = 0.9
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency
 PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase margin too"
@@ -82,14 +84,29 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             "a window that begins in motion or a stick that is not linear may disturb them; "
             f"the loop's own response says {study.check.loop.natural_frequency:.3f} rad/s"
         )
-    if len(study.margins) > 1:
-        (own, mine), (against, theirs) = study.margins.items()
-        word = "larger" if mine.phase > theirs.phase else "smaller"
+    if study.linear is not None:
+        out.append(linear_sentence(study.linear))
+    if study.engines is not None:
+        apart = study.engines
         out.append(
-            f"margins of the loop broken at the command: {own} {mine.gain_decrease:.1f}/{mine.gain_increase:+.1f} dB and {mine.phase:.1f} deg, "
-            f"{against} {theirs.gain_decrease:.1f}/{theirs.gain_increase:+.1f} dB and {theirs.phase:.1f} deg; {PAPER_PHASE}, "
-            f"here it is {word}" + ("" if word == "larger" else ": the flight-like airframe does not reproduce that")
+            f"{study.scenario.estimation.engine}, filter by filter, against the batched bank at the same {len(bank.delays)} delays: means differ by "
+            f"{apart.mean:.0e} sigmas at most, sigmas by {apart.std:.0e} and log-likelihoods by {apart.log_likelihood:.0e} of themselves"
         )
+    out += _margins(study)
     if study.scenario.published:
         out.append("published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's pseudo-control is minus ours")
-    return (*out, *verdicts(study))
+    return (*out, *verdicts(study), *paper_sentences(study))
+
+
+def _margins(study: LoopStudy) -> list[str]:
+    """Margins of the two loops and of one beside them, against what the paper saw, and what it leaves open."""
+    if len(study.margins) < 2:
+        return []
+    (own, mine), (against, theirs), *beside = study.margins.items()
+    told = [f"{name} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg" for name, each in study.margins.items()]
+    word = "larger" if mine.phase > theirs.phase else "smaller"
+    out = f"margins of the loop broken at the command: {', '.join(told)}; {PAPER_PHASE}: that of {own} is {word} than that of {against}"
+    for name, each in beside:
+        larger = "larger" if each.phase > theirs.phase else "smaller"
+        out += f", that of {name}, whose low-order equivalent is the paper's flight as well, {larger}"
+    return [out, *([] if study.open_margins is None else [margins_sentence(study.open_margins)])]

@@ -33,7 +33,7 @@ class Flown:
 
 
 def aircraft(flight: LoopFlight) -> X29:
-    """The aircraft of a flight with the scenario's stick and limits."""
+    """The aircraft of a flight with the scenario's stick, limits and telemetry noise."""
     x29 = load_x29(flight.airframe)
     stick = x29.stick
     stick = stick if flight.dead_band is None else replace(stick, dead_band=flight.dead_band)
@@ -41,7 +41,10 @@ def aircraft(flight: LoopFlight) -> X29:
     if not flight.rate_limits:
         canard, flaperon, strake = (replace(surface, rate=NO_LIMIT) for surface in x29.surfaces)
         x29 = replace(x29, surfaces=(canard, flaperon, strake))
-    return replace(x29, stick=stick)
+    t, noise = x29.telemetry, flight.noise_std
+    std = (noise.get("alpha", t.alpha_noise), noise.get("q", t.q_noise), noise.get("nz", t.nz_noise))
+    telemetry = replace(t, alpha_noise=std[0], q_noise=std[1], nz_noise=std[2])
+    return replace(x29, stick=stick, telemetry=telemetry)
 
 
 def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndarray]:

@@ -8,7 +8,10 @@ import numpy as np
 
 from ident.estimate import Estimate
 from ident.statistics.residuals import ljung_box
+from scenarios.x29.flying import Flown
 from sim.record import Record
+
+LARGE = 0.9  # size of a correlation that is worth a mark
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,12 @@ class Misfit:
     def peak_percent(self) -> float:
         """How much of the final peak the free simulation lacks (negative) or exaggerates, percent of the measured one."""
         return 100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0) if self.peak_measured else 0.0
+
+
+def sensor_noise(flown: Flown) -> np.ndarray:
+    """The telemetry's sigma of alpha, q and nz."""
+    t = flown.x29.telemetry
+    return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
 
 
 def misfit(

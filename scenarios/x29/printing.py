@@ -12,8 +12,10 @@ from ident.flying_qualities.handling_qualities import Level
 from scenarios.terminal.numbers import console, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content
-from scenarios.x29.findings import LARGE, sentences
-from scenarios.x29.published import printed_column
+from scenarios.x29.findings import sentences
+from scenarios.x29.measures import LARGE
+from scenarios.x29.paper.printing import print_paper, print_triangle
+from scenarios.x29.published import printed_checks, printed_column
 from scenarios.x29.study import LoopStudy
 
 PARAMETERS = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0", "delay")
@@ -34,7 +36,7 @@ def print_loop(study: LoopStudy, out: Console | None = None) -> None:
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
-    for table in (_estimate, _states, _correlation, _qualities, _check, _differences, _together, _passes, _variants):
+    for table in (_estimate, _states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
@@ -86,16 +88,8 @@ def _states(study: LoopStudy, out: Console) -> None:
 
 def _correlation(study: LoopStudy, out: Console) -> None:
     content = correlation_content(study.result.estimate)
-    names, C = content["names"], np.array(content["matrix"])
-
-    def cell(i: int, j: int) -> str:
-        return f"{C[i, j]:+.2f}{'*' if i != j and abs(C[i, j]) > LARGE else ''}" if j <= i else ""
-
-    columns = [Column("", names, left=True)]
-    columns += [Column(name.replace("alpha", "al").replace("delta", "de"), [cell(i, j) for i in range(len(names))]) for j, name in enumerate(names)]
-    half = 8
-    out.print()
-    print_table(out, f"correlations after the last sample, * above {LARGE:g} in size", columns[:half], columns[half:])
+    title = f"correlations after the last sample, * above {LARGE:g} in size"
+    print_triangle(out, title, tuple(content["names"]), np.array(content["matrix"]))
 
 
 def _qualities(study: LoopStudy, out: Console) -> None:
@@ -130,8 +124,20 @@ def _check(study: LoopStudy, out: Console) -> None:
         Column("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
         Column("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
     ]
+    told = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
+    if told:
+        columns.append(Column("plain bank", _plain_cells(study, names)))
+        columns.append(Column("published EKF", [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]))
+        columns.append(Column("its response", [f"{told[n].frequency_response:.4g}" if n in told else "" for n in names]))
     out.print()
     print_table(out, "independent check by frequency response (0.35 to 14 rad/s)", columns)
+
+
+def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[str]:
+    v = study.plain.estimate.as_dict()
+    frequency = np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0))
+    found = {"natural_frequency": frequency, "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency) if frequency else np.nan}
+    return [f"{({**found, 'delay': study.plain.delay})[name]:.4g}" for name in names]
 
 
 def _differences(study: LoopStudy, out: Console) -> None:

@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.catalogue import with_change
-from scenarios.studies.scenario_file.quantities import Quantity, positive, si
-from scenarios.x29.declaration import Against, LoopEstimation, LoopFlight, LoopScenario, Spike, StickPlan, Variant
+from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
+from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, MarginPlan, Spike, StickPlan, Variant
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_DERIVATIVES
 
@@ -40,7 +40,7 @@ class _Spike(_Strict):
 
 
 class _Flight(_Strict):
-    airframe: Literal["P", "S", "F"]
+    airframe: Literal["P", "S", "F", "D"]
     duration: Quantity
     stick: _Stick
     noise: bool = True
@@ -50,6 +50,7 @@ class _Flight(_Strict):
     low_order: bool = False
     gust: float = Field(default=0.0, ge=0)
     spike: _Spike | None = None
+    noise_variance: dict[str, str] = {}
 
 
 class _Estimate(_Strict):
@@ -62,6 +63,14 @@ class _Estimate(_Strict):
     window_start: Quantity | None = None
     window_stop: Quantity | None = None
     restarts: int = Field(default=0, ge=0, le=30)
+    prior: Literal["quarter", "printed"] = "quarter"
+    engine: Literal["batched", "filterpy"] = "batched"
+
+
+class _Margins(_Strict):
+    samples: int = Field(ge=0, le=10_000)
+    seed: int = Field(default=1, ge=0)
+    beside: Literal["P", "S", "F", "D"] | None = None
 
 
 class _Against(_Strict):
@@ -91,6 +100,8 @@ class _Scenario(_Strict):
     variants: list[_Variant] = []
     stretch: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     peak: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
+    methods: list[str] = []
+    margins: _Margins | None = None
     findings: str = ""
 
 
@@ -117,6 +128,8 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _span(content.stretch, f"{where}, key stretch"),
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
+        _methods(content.methods, f"{where}, key methods"),
+        _margins(content, where),
         content.seed,
     )
 
@@ -153,6 +166,9 @@ def _flight(flight: _Flight, where: str) -> LoopFlight:
         raise DeclarationError(f"{spike.time:g} s is not within the flight", where=f"{where}.spike.time", remedy=f"give 0 to {duration:g} s")
     if flight.gust and not flight.low_order:
         raise DeclarationError("a gust acts on the low-order truth only", where=f"{where}.gust", remedy="set low_order = true, or gust = 0")
+    for name in flight.noise_variance:
+        if name not in ("alpha", "q", "nz"):
+            raise DeclarationError(f"there is no output {name!r}", where=f"{where}.noise_variance", remedy="use alpha, q, nz")
     return LoopFlight(
         flight.airframe,
         duration,
@@ -164,6 +180,7 @@ def _flight(flight: _Flight, where: str) -> LoopFlight:
         flight.low_order,
         flight.gust,
         spike,
+        standard_deviations({}, flight.noise_variance, where),
     )
 
 
@@ -195,7 +212,24 @@ def _estimation(estimate: _Estimate, where: str) -> LoopEstimation:
         None if estimate.window_start is None else si(estimate.window_start, "s", f"{where}.window_start"),
         None if estimate.window_stop is None else si(estimate.window_stop, "s", f"{where}.window_stop"),
         estimate.restarts,
+        estimate.prior,
+        estimate.engine,
     )
+
+
+def _margins(content: _Scenario, where: str) -> MarginPlan | None:
+    plan = content.margins
+    if plan is not None and content.against is None:
+        what = "margins are those of two loops, and there is one"
+        raise DeclarationError(what, where=f"{where}, key margins", remedy="declare [against], or leave it out")
+    return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
+
+
+def _methods(names: list[str], where: str) -> tuple[str, ...]:
+    for name in names:
+        if name not in METHODS:
+            raise DeclarationError(f"there is no method {name!r}", where=where, remedy=f"use {', '.join(METHODS)}")
+    return tuple(names)
 
 
 def _span(pair: list[Quantity] | None, where: str) -> tuple[float, float] | None:

@@ -8,16 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.delays import DelayBank
+from ident.banks.engines import BATCHED, Agreement, agreement
 from ident.estimate import Estimate
 from ident.flying_qualities.frequency_response import estimate_response, fit_response
 from ident.flying_qualities.handling_qualities import Level, Quality, levels, qualities
 from ident.statistics.differences import Comparison, compare_estimates
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.studies.catalogue import load_document
-from scenarios.x29.declaration import LoopScenario, Variant
-from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, rough, set_up, started_again
+from scenarios.x29.declaration import LoopScenario
+from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, set_up, started_again
 from scenarios.x29.flying import Flown, fly_loop, low_order_model
-from scenarios.x29.measures import Misfit, misfit
+from scenarios.x29.loop.linear_check import LinearCheck, linear_check
+from scenarios.x29.loop.open_margins import OpenMargins, open_margins
+from scenarios.x29.measures import Misfit, misfit, sensor_noise
+from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
+from scenarios.x29.variants import VariantResult, run_variant
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.closed_loop.linear import Margins, margins
 from sim.closed_loop.reader import load_x29
@@ -59,28 +64,24 @@ class ResponseCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class VariantResult:
-    """A variant's name, label, quick estimate, delay and misfit."""
-
-    name: str
-    label: str
-    estimate: Estimate
-    delay: float
-    misfit: Misfit
-
-
-@dataclass(frozen=True, eq=False)
 class LoopStudy:
     """A closed-loop scenario that has been run.
 
-    ``plain`` is the paper's way, ``passes`` the refined estimates from restart to restart; ``other`` the result compared with;
-    ``together`` plain results of several scenarios by name; ``margins`` of each linear loop by airframe.
+    ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first`` the refined bank before any restart,
+    ``passes`` the estimates from restart to restart, ``restarts`` those of plain filters by label; ``methods`` as the scenario names
+    them; ``other`` the result compared with; ``together`` plain results of several scenarios by name; ``margins`` by airframe;
+    ``engines`` how far another engine's filters are from the batched ones; ``linear`` the flown loop against the linear one; ``open_margins``
+    what the paper leaves open of the margins, None where the scenario varies nothing.
     """
 
     scenario: LoopScenario
     seed: int
     result: Result
+    paper: SetUp
     plain: Plain
+    methods: tuple[MethodResult, ...]
+    restarts: Mapping[str, Restarts]
+    first: DelayBank
     passes: tuple[Estimate, ...]
     simulated: np.ndarray
     misfit: Misfit
@@ -94,6 +95,9 @@ class LoopStudy:
     together: Mapping[str, Plain]
     variants: tuple[VariantResult, ...]
     margins: Mapping[str, Margins]
+    engines: Agreement | None = None
+    linear: LinearCheck | None = None
+    open_margins: OpenMargins | None = None
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
@@ -119,8 +123,9 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     """
     chosen = scenario.seed if seed is None else seed
     flown = fly_loop(scenario.flight, chosen)
-    setting = _setting(scenario, flown)
-    found = plain(setting)
+    start = starting_values(scenario)
+    setting, paper = set_up(scenario.estimation, flown, start), set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario))
+    found = plain(paper)
     first = result = _result(scenario, flown, setting)
     passes = [result.estimate]
     for _ in range(scenario.estimation.restarts):
@@ -131,16 +136,23 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         passes.append(result.estimate)
         if settled:
             break
+    held = [found.delay, first.bank.refined, float(found.delays[other_side(found, first.bank.refined)])]
+    ways = Ways(paper, found, scenario.estimation, first.bank, lambda estimation: set_up(estimation, flown, start))
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
+    found_margins = _margins(scenario, other)
     estimate = result.estimate
     z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
         scenario,
         chosen,
         result,
+        paper,
         found,
+        run_methods(scenario.methods, ways),
+        all_restarts(ways, sorted(held)) if scenario.estimation.restarts else {},
+        first.bank,
         tuple(passes),
         simulated,
         misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak),
@@ -152,15 +164,28 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         differences,
         derived,
         {name: _plain_of(loop_scenario(name)) for name in scenario.together},
-        tuple(_variant(scenario, variant, chosen) for variant in scenario.variants),
-        {name: margins(load_x29(name)) for name in dict.fromkeys((scenario.flight.airframe, *(() if other is None else (other.flown.x29.name,))))},
+        tuple(run_variant(scenario, variant, chosen, start) for variant in scenario.variants),
+        found_margins,
+        None if setting.engine is BATCHED else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
+        None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
+        _open_margins(scenario, found_margins),
     )
 
 
-def sensor_noise(flown: Flown) -> np.ndarray:
-    """The telemetry's sigma of alpha, q and nz."""
-    t = flown.x29.telemetry
-    return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
+def _margins(scenario: LoopScenario, other: Result | None) -> dict[str, Margins]:
+    """Margins of the airframe, of the one compared with, and of the one beside them."""
+    beside = [] if scenario.margins is None else [scenario.margins.beside]
+    names = [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name]), *beside]
+    return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
+
+
+def _open_margins(scenario: LoopScenario, found: Mapping[str, Margins]) -> OpenMargins | None:
+    """The study of the margins of the first two airframes of ``found``."""
+    plan, names = scenario.margins, list(found)
+    if plan is None or not plan.samples or len(names) < 2:
+        return None
+    declared = found[names[0]].phase - found[names[1]].phase
+    return open_margins(load_x29(names[1]), load_x29(names[0]), plan.samples, plan.seed, declared)
 
 
 def response_check(result: Result) -> ResponseCheck:
@@ -197,12 +222,14 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
     return {name: value for name, value in found.items() if name not in ("L_0", "M_0", "delta_0", "nz_0")}
 
 
-def _setting(scenario: LoopScenario, flown: Flown, depth: int = 0) -> SetUp:
-    return set_up(scenario.estimation, flown, starting_values(scenario, depth))
+def _papers_rule(scenario: LoopScenario) -> str:
+    """The printed P0 belongs to the starts that the paper had: where a scenario is held against it."""
+    return "printed" if scenario.published else scenario.estimation.prior
 
 
 def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
-    return plain(_setting(scenario, fly_loop(scenario.flight, scenario.seed), depth))
+    flown = fly_loop(scenario.flight, scenario.seed)
+    return plain(set_up(scenario.estimation, flown, starting_values(scenario, depth), prior=_papers_rule(scenario)))
 
 
 def _result(scenario: LoopScenario, flown: Flown, setting: SetUp) -> Result:
@@ -224,7 +251,7 @@ def _against(
         other = first  # the first pass of a restarted study is that scenario's result
     else:
         flown = fly_loop(other_scenario.flight, seed)
-        other = _result(replace(other_scenario, seed=seed), flown, _setting(other_scenario, flown))
+        other = _result(replace(other_scenario, seed=seed), flown, set_up(other_scenario.estimation, flown, starting_values(other_scenario)))
     derived = []
     for item in result.qualities:
         before = other.quality(item.name)
@@ -237,12 +264,3 @@ def _against(
         compare_estimates(other.estimate, result.estimate),
         tuple(derived),
     )
-
-
-def _variant(scenario: LoopScenario, variant: Variant, seed: int) -> VariantResult:
-    flown = fly_loop(variant.flight, seed)
-    setting = set_up(variant.estimation, flown, variant.estimation.start or starting_values(scenario))
-    estimate, delay = rough(setting)
-    simulated = free_simulation(setting, estimate, delay)
-    measured = misfit(setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak)
-    return VariantResult(variant.name, variant.label, estimate, delay, measured)

@@ -99,15 +99,19 @@ def closed_loop(x29: X29) -> StateSpace:
 
 
 def margins(x29: X29) -> Margins:
-    """Margins of ``open_loop`` by ``control.stability_margins`` on its frequency response.
+    """Margins of ``open_loop``, see ``loop_margins``."""
+    return loop_margins(open_loop(x29), np.geomspace(0.05, 0.999 * np.pi / x29.frame, 4000))
+
+
+def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
+    """Margins of a sampled open loop by ``control.stability_margins`` on its frequency response at ``omega`` (rad/s), interpolated.
 
     The polynomial method of the library is ill conditioned for this order; 4000 points up to the folding frequency are not.
     A margin that does not exist is infinite (its crossover 0).
     """
     import control
 
-    omega = np.geomspace(0.05, 0.999 * np.pi / x29.frame, 4000)
-    response = control.frd(open_loop(x29), omega, smooth=True)
+    response = control.frd(loop, omega, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(response, returnall=True)
     decibel = 20.0 * np.log10(np.asarray(gains))
     phase, crossover = np.asarray(phases), np.asarray(crossovers)

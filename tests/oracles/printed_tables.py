@@ -12,7 +12,6 @@ from typing import Any
 NUMBER = re.compile(r"(-?\d*\.?\d+)(?:\s*(?:\\times|×)\s*10\s*(?:\^|<sup>)\s*\{?\s*(-?\d+))?")
 # The reading puts marks of its own, labels' indices and cells read twice between two numbers of a row: so many at most.
 STRAY = 6
-TURNED = {"L_delta", "M_delta", "delta_0"}  # our pseudo-control is minus the paper's
 
 
 @cache
@@ -63,26 +62,6 @@ def unread_of_simulated_data(held: Mapping[str, Any], truth: Mapping[str, Decima
             cells = [column[name] for column in held[table].values()]
             row = [truth[name], *(cell["value"] for cell in cells), *(cell["std"] for cell in cells)]
             out += [] if is_printed(row, place) else [f"{table}.{name}"]
-    return out
-
-
-def unread_of_short_period(held: Mapping[str, Any], text: str) -> list[str]:
-    """Columns of NASA TM-101722's tables, as we hold them, that its text does not have in this order."""
-    tables = {"simulation": section(text, "Table 1. Output", "Table 1. Con"), "flight": section(text, "Table 2. Output", "Table 2. Con")}
-    robustness = section(text, "Table 3. Robustness", "Fig. 1 ")
-    rows, out = {"simulation": "Simulation", "flight": "Flight data", "time_shift": "Time shift", "convergence": "Convergence"}, []
-    for column, cells in held["loes"].items():
-        printed = {name: -cell["value"] if name in TURNED else cell["value"] for name, cell in cells.items()}
-        heading = [printed.pop(name) for name in ("natural_frequency", "damping_ratio") if name in printed]
-        places = [([*printed.values()], lines_of(robustness, rows[column]))]
-        if column == "flight":
-            # Table 3 has another L_delta, -3.24e-5, than Table 2, whose reading is whole.
-            without = [number for name, number in printed.items() if name != "L_delta"]
-            places = [(without, places[0][1]), ([*printed.values()], lines_of(tables[column], "Final state"))]
-        if column in tables:
-            places += [(heading, tables[column].splitlines()[0])]
-            places += [([cell["variance"] for cell in cells.values() if "variance" in cell], lines_of(tables[column], "Final variance"))]
-        out += [f"{column}: {', '.join(map(str, row))}" for row, place in places if not is_printed(row, place)]
     return out
 
 

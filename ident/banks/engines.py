@@ -1,0 +1,145 @@
+"""Who runs the filters of a bank of delays: the batched pass, or filterpy's ExtendedKalmanFilter one filter after the other.
+
+Both are the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says what each costs).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.banks.bank import BankEstimate, run_bank
+from ident.banks.iterated import ITERATIONS, run_iterated_bank
+from ident.banks.single_filter import filter_alone
+from ident.estimate import Estimate, Outcome
+from ident.filters.ekf import SETTLED, FilterSettings, filter_record, run_ekf
+from ident.filters.problem import filter_problem
+from ident.filters.smoother import smooth
+from sim.declaration.system import System
+from sim.record import Record
+
+
+@dataclass(frozen=True)
+class BankEngine:
+    """The three things that a bank of delays asks for.
+
+    Attributes
+    ----------
+    run : a filter for each value of a held parameter, as ``run_bank``.
+    iterated : the same, each linearised anew about its own smoothed result, as ``run_iterated_bank``.
+    alone : one filter with its whole history, as ``filter_alone``.
+    """
+
+    run: Callable[..., BankEstimate]
+    iterated: Callable[..., tuple[BankEstimate, np.ndarray]]
+    alone: Callable[[Record, System, FilterSettings | None, np.ndarray | None], Estimate]
+
+
+def run_one_by_one(record: Record, system: System, settings: FilterSettings | None = None, *, held: Mapping[str, np.ndarray]) -> BankEstimate:
+    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf``. Raises as it does."""
+    estimates = [run_ekf(record, each, settings) for each in _systems(system, held)]
+    return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
+
+
+def run_iterated_one_by_one(
+    record: Record,
+    system: System,
+    settings: FilterSettings | None = None,
+    *,
+    held: Mapping[str, np.ndarray],
+    about: np.ndarray | None = None,
+    iterations: int = ITERATIONS,
+    tolerance: float = SETTLED,
+) -> tuple[BankEstimate, np.ndarray]:
+    """``run_iterated_bank`` with each pass of each filter by filterpy. Arguments, result ``(n, N, B)`` and errors as there."""
+    settings = settings or FilterSettings()
+    problems = [filter_problem(record, each, settings.max_step) for each in _systems(system, held)]
+    count, N = len(problems), len(record)
+    points: list[np.ndarray | None] = [None] * count if about is None else list(np.moveaxis(np.broadcast_to(about, (*about.shape[:2], count)), 2, 0))
+    before: np.ndarray | None = None
+    settled, passes = np.zeros(count, dtype=bool), 0
+    while True:
+        passes += 1
+        found = [filter_record(problem, settings, about=point) for problem, point in zip(problems, points, strict=True)]
+        sound = np.array([each.outcome is Outcome.CONVERGED for each in found])
+        # A filter that broke down is linearised at its start, as in the batched bank.
+        points = [
+            smooth(each.history).mean if good and each.history is not None else np.repeat(problem.start[:, None], N, axis=1)
+            for problem, each, good in zip(problems, found, sound, strict=True)
+        ]
+        values, std = np.stack([each.values for each in found], axis=1), np.stack([each.std for each in found], axis=1)
+        if before is not None:
+            settled = np.max(np.abs(values - before) / np.maximum(std, np.finfo(float).tiny), axis=0, initial=0.0) < tolerance
+        if (np.all(settled | ~sound) and before is not None) or passes == iterations:
+            break
+        before = values
+    trajectories = [point for point in points if point is not None]
+    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(trajectories, axis=2)
+
+
+def alone_by_filterpy(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
+    """``filter_alone`` by filterpy: one pass, linearised about ``about (n, N)`` where given."""
+    settings = settings or FilterSettings()
+    return filter_record(filter_problem(record, system, settings.max_step), settings, about=about)
+
+
+BATCHED = BankEngine(run_bank, run_iterated_bank, filter_alone)
+FILTERPY = BankEngine(run_one_by_one, run_iterated_one_by_one, alone_by_filterpy)
+ENGINES: Mapping[str, BankEngine] = {"batched": BATCHED, "filterpy": FILTERPY}
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Largest differences of two banks over the same delays, over the runs that are sound in both.
+
+    Attributes
+    ----------
+    mean : of states and parameters after the last sample, in sigmas. std : of their sigmas, relative.
+    log_likelihood : relative. sound : whether the same runs are.
+    """
+
+    mean: float
+    std: float
+    log_likelihood: float
+    sound: bool
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three."""
+        return max(self.mean, self.std, self.log_likelihood)
+
+
+def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
+    """How far two banks of the same runs are apart; ``one`` gives the sigmas to divide by."""
+    both = one.sound & other.sound
+    sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
+    likelihood = one.log_likelihood[both]
+    return Agreement(
+        float(np.max(np.abs(other.mean[:, both] - one.mean[:, both]) / sigma, initial=0.0)),
+        float(np.max(np.abs(other.std[:, both] / sigma - 1.0), initial=0.0)),
+        float(np.max(np.abs(other.log_likelihood[both] - likelihood) / np.abs(likelihood), initial=0.0)),
+        bool(np.array_equal(one.sound, other.sound)),
+    )
+
+
+def _systems(system: System, held: Mapping[str, np.ndarray]) -> list[System]:
+    """The System once for each run, with its values held."""
+    runs = zip(*(np.atleast_1d(values).tolist() for values in held.values()), strict=True)
+    return [replace(system, parameters=system.parameters.with_values(dict(zip(held, values, strict=True)))) for values in runs]
+
+
+def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
+    """Estimates of single filters as those of a bank; a run that is not ``sound`` has a likelihood of zero."""
+    histories = [each.history for each in estimates if each.history is not None]
+    assert len(histories) == len(estimates)
+    return BankEstimate(
+        histories[0].names,
+        np.stack([each.mean[:, -1] for each in histories], axis=1),
+        np.stack([each.covariance[-1] for each in histories]),
+        np.where(sound, [each.log_likelihood for each in estimates], -np.inf),
+        np.stack([each.nis for each in histories], axis=1),
+        sound,
+        np.array([each.iterations for each in estimates]),
+    )

@@ -1,0 +1,164 @@
+"""The phase margin of flight against that of simulation, over what the paper leaves open: a Latin hypercube of loops that all have its equivalents.
+
+At each point two aircraft are fitted, the simulation's and the flight's, so that their low-order equivalents are the paper's; what the margins
+then do is what the paper's numbers leave open. python-control's margins throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenarios.x29.loop.matching import Beginning, Matched, Target, beginning, beginning_at, match, targets
+from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
+from sim.closed_loop.airframe import X29
+
+AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
+ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them
+LoopOf = Callable[[np.ndarray], tuple[X29, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """One of two readings of the points: ``AIRFRAMES`` leaves surfaces and computing of the flight as the simulation's.
+
+    Attributes
+    ----------
+    places : ``(N, open values)``, -1 to 1. simulation, flight : ``(N,)`` phase margins, deg.
+    plausible : ``(N,)`` whether both aircraft are stable and have the paper's equivalents.
+    """
+
+    name: str
+    places: np.ndarray
+    simulation: np.ndarray
+    flight: np.ndarray
+    plausible: np.ndarray
+
+    @property
+    def difference(self) -> np.ndarray:
+        """Flight less simulation of the plausible points, deg."""
+        return np.asarray((self.flight - self.simulation)[self.plausible])
+
+    @property
+    def larger(self) -> int:
+        """Plausible points in which the flight's margin is the larger, as in the paper."""
+        return int(np.count_nonzero(self.difference > 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class OpenMargins:
+    """What the paper's numbers leave of the sign.
+
+    Attributes
+    ----------
+    effects : by open value, deg that the difference gains from the middle of its range to the high end; of a straight line through all
+        plausible points, empty where there are too few. middle : deg at the middle of all ranges. explained : share of the variance.
+    declared : flight less simulation of the airframes as they are declared, deg.
+    """
+
+    seed: int
+    designs: tuple[Design, ...]
+    declared: float
+    middle: float
+    effects: Mapping[str, float]
+    explained: float
+
+    def turning(self, name: str) -> float | None:
+        """By the straight line, the value that would turn the declared sign by itself; None where it lies outside its range."""
+        effect = self.effects.get(name, 0.0)
+        place = -self.declared / effect if effect else np.inf
+        return next(item for item in OPEN if item.name == name).at(place) if abs(place) <= 1.0 else None
+
+
+def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared: float) -> OpenMargins:
+    """Run the study for the two declared aircraft; ``declared`` is the difference of their own margins, deg."""
+    places = hypercube(samples, seed)
+    alone = np.array([0.0 if item.between else 1.0 for item in OPEN])
+    wanted, goal = targets("simulation"), targets("flight")
+    begin, start = beginning(simulation, wanted), beginning(flight, goal)
+    simulated = [_matched(lambda place: simulated_loop(simulation, values_at(place)), place, wanted, begin) for place in places]
+    designs = []
+    for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
+        flown = [_matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start) for place in rows]
+        phases = [np.array([each.margins.phase for each in found]) for found in (simulated, flown)]
+        designs.append(Design(name, rows, *phases, np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])))
+    middle, effects, explained = _line(designs)
+    return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
+
+
+def margins_content(found: OpenMargins) -> dict[str, Any]:
+    """The study for ``comparison.json``."""
+    return {
+        "seed": found.seed,
+        "declared_deg": found.declared,
+        "open": [{"name": item.name, "low": item.low, "high": item.high} for item in OPEN],
+        "designs": [
+            {
+                "name": each.name,
+                "points": len(each.places),
+                "plausible": int(each.plausible.sum()),
+                "larger_in_flight": each.larger,
+                "places": each.places.tolist(),
+                "simulation_deg": each.simulation.tolist(),
+                "flight_deg": each.flight.tolist(),
+                "accepted": each.plausible.tolist(),
+            }
+            for each in found.designs
+        ],
+        **({"middle_deg": found.middle, "effects_deg": dict(found.effects), "explained": found.explained} if found.effects else {}),
+    }
+
+
+def margins_sentence(found: OpenMargins) -> str:
+    """In how many of the loops the flight has the larger margin, what decides it, and what follows."""
+    words = {AIRFRAMES: "the airframes alone differ", EVERYTHING: "surfaces and computing differ, too"}
+    told = [
+        f"in {each.larger} of {int(each.plausible.sum())} where {words[each.name]} ({each.difference.min():+.1f} to {each.difference.max():+.1f} deg)"
+        for each in found.designs
+        if each.plausible.any()
+    ]
+    points = len(found.designs[0].places)
+    out = (
+        f"{points} points of a Latin hypercube over {len(OPEN)} values that the paper leaves open, both airframes fitted to its two columns at each: "
+    )
+    out += f"the flight's phase margin is the larger {', '.join(told)}" if told else "no point has the paper's equivalents"
+    if found.effects:
+        ordered = sorted(found.effects.items(), key=lambda item: -abs(item[1]))
+        labels = {item.name: item.label for item in OPEN}
+        listed = "; ".join(f"{labels[name]} {value:+.1f}" for name, value in ordered)
+        out += f"; deg from the middle to the high end of each range (a straight line, {100.0 * found.explained:.0f} % of the variance): {listed}"
+        alone = {item.name: found.turning(item.name) for item in OPEN if item.name.endswith("_flight")}
+        turned = ", ".join(f"{labels[name]} {value:.2f}" for name, value in alone.items() if value is not None)
+        if turned and found.declared < 0.0:
+            out += f"; by itself would turn the sign of the declared airframes: {turned}"
+    larger, plausible = sum(each.larger for each in found.designs), sum(int(each.plausible.sum()) for each in found.designs)
+    if plausible:
+        decided = "do not decide the sign" if 0 < larger < plausible else "decide the sign"
+        out += f": the paper's numbers {decided}"
+    return out
+
+
+def _matched(loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
+    """The aircraft fitted at a place; by way of the place half-way to it where the direct search ends badly."""
+    x29, late = loop_of(place)
+    found = match(x29, late, wanted, begin)
+    if found.plausible:
+        return found
+    nearer, earlier = loop_of(0.5 * place)
+    again = match(x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer))
+    return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
+
+
+def _line(designs: list[Design]) -> tuple[float, dict[str, float], float]:
+    """A straight line through the differences of all plausible points: at the middle, slopes by open value, share of the variance."""
+    X = np.concatenate([each.places[each.plausible] for each in designs])
+    y = np.concatenate([each.difference for each in designs])
+    if len(y) < ROWS_A_VALUE * len(OPEN):
+        return 0.0, {}, 0.0
+    A = np.column_stack([np.ones(len(y)), X])
+    slopes = np.linalg.lstsq(A, y, rcond=None)[0]
+    left = float(np.var(y - A @ slopes) / np.var(y))
+    return float(slopes[0]), {item.name: float(value) for item, value in zip(OPEN, slopes[1:], strict=True)}, 1.0 - left

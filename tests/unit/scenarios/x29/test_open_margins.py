@@ -1,0 +1,126 @@
+"""What the paper leaves open of the margins: loops fitted to its equivalents, and what is said of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from scenarios.x29.loop.matching import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, match, targets
+from scenarios.x29.loop.open_margins import AIRFRAMES, EVERYTHING, Design, OpenMargins, margins_content, margins_sentence, open_margins
+from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
+from sim.closed_loop.equivalent import equivalent_system
+from sim.closed_loop.linear import margins
+from sim.closed_loop.reader import load_x29
+from tests.oracles.x29_frequency import returned
+
+
+@cache
+def start() -> tuple[dict[str, Target], Beginning]:
+    goal = targets("flight")
+    return goal, beginning(load_x29("F"), goal)
+
+
+@cache
+def study() -> OpenMargins:
+    return open_margins(load_x29("S"), load_x29("F"), 2, 1, -4.5)
+
+
+def test_sigmas_are_the_scatter_of_the_papers_three_estimates_or_its_own() -> None:
+    flight = targets("flight")
+    printed = (-8.95, -8.42, -8.31)
+    assert flight["M_alpha"].std == pytest.approx(np.std(printed, ddof=1) / abs(np.mean(printed)) * 8.95)
+    assert flight["L_alpha"].std == pytest.approx(np.sqrt(0.725e-4)), "three nearly equal estimates: the printed sigma is the larger"
+    assert tuple(flight) == MATCHED and targets("simulation")["M_q"].value == -2.99
+
+
+def test_the_middle_of_all_ranges_is_the_aircraft_as_declared() -> None:
+    values = values_at(np.zeros(len(OPEN)))
+    for name, loop_of in (("S", simulated_loop), ("F", flown_loop)):
+        x29 = load_x29(name)
+        same, late = loop_of(x29, values)
+        assert late == pytest.approx(x29.frame)
+        assert same.airframe.M_q == pytest.approx(x29.airframe.M_q) and same.airframe.L_surface == pytest.approx(x29.airframe.L_surface)
+        assert [each.ram for each in same.surfaces] == pytest.approx([each.ram for each in x29.surfaces])
+    for item in OPEN:
+        assert (item.at(-1.0), item.at(1.0)) == pytest.approx((item.low, item.high))
+        assert item.at(0.0) == pytest.approx(np.sqrt(item.low * item.high) if item.ratio else 0.5 * (item.low + item.high))
+
+
+def test_the_hypercube_meets_each_range_evenly() -> None:
+    places = hypercube(16, 3)
+    for column in places.T:
+        assert sorted(np.floor(8.0 * (column + 1.0)).astype(int)) == list(range(16))
+
+
+def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> None:
+    goal, begin = start()
+    places = np.array([0.3, -0.4, -0.5, 0.0, 0.6, 0.2, 0.5, -0.3])
+    x29, late = flown_loop(load_x29("F"), values_at(places))
+    found = match(x29, late, goal, begin)
+    # Second search: nested, by SciPy with its own slopes.
+    best = least_squares(
+        lambda p: [(getattr(equivalent_of(changed(x29, p), late), name) - goal[name].value) / goal[name].std for name in MATCHED],
+        begin.found,
+        x_scale=np.array([0.1, 3.0, 0.1, 0.01]),
+        diff_step=1e-4,
+        max_nfev=8,
+    )
+    assert found.plausible and found.misfit == pytest.approx(2.0 * best.cost, abs=0.05)
+    np.testing.assert_allclose(found.found[:3], best.x[:3], rtol=0.02)
+
+
+def test_margins_of_a_fitted_loop_are_those_of_the_oracle() -> None:
+    goal, begin = start()
+    x29 = load_x29("F")
+    found = match(replace(x29, airframe=replace(x29.airframe, M_q=-1.2)), x29.frame, goal, begin)
+    loop = equivalent_system(found.x29)
+    assert [getattr(loop, name) for name in MATCHED] == pytest.approx([getattr(found.equivalent, name) for name in MATCHED], rel=1e-5)
+    at = returned(found.x29, np.array([found.margins.crossover]))[0]
+    assert abs(at) == pytest.approx(1.0, abs=1e-4) and np.degrees(np.angle(-at)) == pytest.approx(found.margins.phase, abs=0.01)
+    assert found.margins.phase > margins(x29).phase, "more damping of the airframe, and a larger margin"
+
+
+def test_airframe_d_has_the_papers_equivalent_and_its_sign() -> None:
+    d, goal = load_x29("D"), targets("flight")
+    loop = equivalent_system(d)
+    assert sum(((getattr(loop, name) - target.value) / target.std) ** 2 for name, target in goal.items()) < PLAUSIBLE
+    assert 0.84 < loop.damping_ratio < 0.92 and loop.natural_frequency == pytest.approx(4.6965, rel=0.02)
+    assert loop.delay == pytest.approx(equivalent_system(load_x29("F")).delay, abs=0.001)
+    phases = {name: margins(load_x29(name)).phase for name in ("S", "F", "D")}
+    assert phases["F"] < phases["S"] < phases["D"]
+
+
+def test_the_study_fits_both_aircraft_at_every_point() -> None:
+    found = study()
+    alone, everything = found.designs
+    assert (alone.name, everything.name) == (AIRFRAMES, EVERYTHING)
+    np.testing.assert_array_equal(alone.simulation, everything.simulation)
+    np.testing.assert_array_equal(alone.places[:, :6], everything.places[:, :6])
+    assert np.all(alone.places[:, 6:] == 0.0) and alone.plausible.any()
+    assert found.effects == {}, "no straight line through so few"
+    content = margins_content(found)
+    assert content["designs"][0]["points"] == 2 and "effects_deg" not in content
+
+
+def straight(middle: float, slope: float, samples: int = 40) -> OpenMargins:
+    """A study whose differences are a straight line in the flight's damping, made by hand."""
+    places = hypercube(samples, 5)
+    simulation = np.full(samples, 37.0)
+    flight = simulation + middle + slope * places[:, 4]
+    design = Design(EVERYTHING, places, simulation, flight, np.ones(samples, dtype=bool))
+    effects = {item.name: slope if item.name == "damping_flight" else 0.0 for item in OPEN}
+    return OpenMargins(5, (design,), middle, middle, effects, 1.0)
+
+
+def test_what_is_said_follows_the_points() -> None:
+    mixed = straight(-2.0, 4.0)
+    assert mixed.turning("damping_flight") == pytest.approx(2.0**0.5) and mixed.turning("surfaces_flight") is None
+    said = margins_sentence(mixed)
+    assert f"in {mixed.designs[0].larger} of 40" in said and "do not decide the sign" in said and "pitch damping of F, times 1.41" in said
+    assert "decide the sign" in (never := margins_sentence(straight(-9.0, 4.0))) and "do not" not in never and "by itself" not in never
+    nothing = replace(mixed.designs[0], plausible=np.zeros(40, dtype=bool))
+    assert "no point has the paper's equivalents" in margins_sentence(replace(mixed, designs=(nothing,), effects={}))
