@@ -98,6 +98,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.studies.files import write_study
     from scenarios.studies.repeated import fly_repeatedly
     from scenarios.studies.study import Study, run_scenario
+    from scenarios.studies.sweep.sweep import sweep_flexibility
     from scenarios.studies.text import print_study
 
     scenario = load_scenario(name, changes)
@@ -105,9 +106,10 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     def run(seed: int | None, progress: Progress) -> Study:
         study = run_scenario(scenario, seed)
         check_display(study)
-        return replace(study, repeated=fly_repeatedly(scenario, seed, progress))
+        sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed, progress)
+        return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
-    return Runner(run, write_study, print_study, bar=scenario.repeated is not None)
+    return Runner(run, write_study, print_study, bar=scenario.repeated is not None or scenario.sweep is not None)
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:

@@ -105,7 +105,7 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
     percent, sigmas = sheet.panels
     sigmas.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     step = 1.0 / (lines + 0.8)
-    for place, (name, row) in enumerate(rows.items()):
+    for place, row in enumerate(rows.values()):
         for number, each in enumerate(row):
             if each is None or each.reference is None:
                 continue

@@ -15,6 +15,7 @@ from scenarios.studies.declaration import Start
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.content import sweep_content
 from scenarios.terminal.flying_qualities import levels_content
 from scenarios.terminal.quantities import AXES
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
@@ -41,6 +42,8 @@ def comparison(study: Study) -> dict[str, Any]:
         out["inputs"] = {"models": [file.name for file in files], "models_sha256": [file.sha256 for file in files]}
     if study.flexibility is not None:
         out["flexibility"] = flexibility_content(study.flexibility)
+    if study.sweep is not None:
+        out["sweep"] = sweep_content(study.sweep)
     if study.repeated:
         out["repeated"] = [_repeated(each) for each in study.repeated]
     if len(study.methods) > 1:

@@ -45,6 +45,7 @@ class Flight:
     noise_std : measurement noise, by output.
     derivatives : true values in the place of the vehicle's.
     feedback : by input, then by output, gains with which what is measured moves the input.
+    frequency_factor : of the modal frequencies against the vehicle's: above one a stiffer structure, below one a softer one.
     """
 
     vehicle: str
@@ -59,6 +60,7 @@ class Flight:
     derivatives: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     feedback: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+    frequency_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,23 @@ class PublishedChoice:
     file: str
     table: str
     column: str
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A structure of a sweep that has a name, and where its rigid equivalents are printed."""
+
+    label: str
+    frequency_factor: float
+    published: PublishedChoice | None = None
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """Frequency factors at which a flight is flown and estimated again, from stiff to soft, and those of them that have a name."""
+
+    frequency_factors: tuple[float, ...]
+    marks: tuple[Mark, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -147,6 +166,7 @@ class Scenario:
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     files : users' model files that it names, with their hashes.
     repeated : flights that show how the estimates scatter; None where one flight is all.
+    sweep : structures with which the flight is flown and estimated again; None where one is all.
     """
 
     name: str
@@ -161,3 +181,4 @@ class Scenario:
     flown: Flown | None = None
     files: tuple[InputFile, ...] = ()
     repeated: Repeated | None = None
+    sweep: SweepPlan | None = None

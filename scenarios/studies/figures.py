@@ -15,6 +15,7 @@ from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
 from scenarios.studies.declaration import Start
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.figure import draw_sweep
 
 TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
 MOST_RESPONSES = 3
@@ -54,6 +55,8 @@ def draw_study(study: Study, folder: Path) -> None:
     if study.repeated:
         clouds = [ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes) for each in study.repeated]
         save_figure(figure_repeated(clouds, title), folder, "repeated")
+    if study.sweep is not None:
+        save_figure(draw_sweep(study.sweep, title), folder, "flexibility")
     if scenario.condensed:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
 

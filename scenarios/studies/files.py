@@ -14,6 +14,7 @@ from scenarios.files.responses import RESPONSE, write_responses
 from scenarios.files.writing import write_json, write_record
 from scenarios.studies.comparison import comparison
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.content import sweep_csv
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -24,7 +25,7 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
 
     Files: ``record.csv`` and ``record.json``, ``truth.json``, ``response.csv`` (measured, predicted and noise-free outputs),
     ``history.csv`` of a filter, figures as PNG, ``comparison.json`` last. Further methods leave ``response_METHOD.csv`` and
-    ``history_METHOD.csv``, those that saw other sensors ``record_METHOD.csv``.
+    ``history_METHOD.csv``, those that saw other sensors ``record_METHOD.csv``; a sweep ``sweep.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record)
@@ -39,6 +40,8 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
             if estimate.history is not None:
                 write_history(scratch / f"history{suffix}.csv", method)
         write_json(scratch / "truth.json", truth_content(study.truth))
+        if study.sweep is not None:
+            (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
         if figures:
             from scenarios.studies.figures import draw_study
 

@@ -13,18 +13,18 @@ from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
-from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, vehicle_constants
-from scenarios.studies.flying import fly_scenario, measured_again, true_model
+from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, flight_constants
+from scenarios.studies.flying import flown_vehicle, fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
 from scenarios.studies.published import published_values
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
+from scenarios.studies.sweep.sweep import Sweep
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
 from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.partial_condensation import condense_above
-from sim.vehicles.library import read_parameter_set
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,8 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, where they were flown."""
+    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, ``sweep`` its structures from stiff
+    to soft, where they were flown."""
 
     scenario: Scenario
     seed: int
@@ -55,6 +56,7 @@ class Study:
     notes: tuple[str, ...] = ()
     flexibility: Flexibility | None = None
     repeated: tuple[Scatter, ...] = ()
+    sweep: Sweep | None = None
 
     @property
     def main(self) -> MethodResult:
@@ -81,7 +83,7 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
     """What an estimation's model should find where the vehicle has more modes than it: condensed coefficients by name, SI."""
     if not scenario.condensed:
         return EMPTY
-    values = read_parameter_set(scenario.flight.vehicle).values
+    values = flown_vehicle(scenario.flight).values
     return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
 
 
@@ -91,7 +93,7 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:
         return None
     try:
-        return flexibility(read_parameter_set(flight.vehicle), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
+        return flexibility(flown_vehicle(flight), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
     except ModelError:
         return None
 
@@ -105,7 +107,7 @@ def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ..
 
 
 def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, condensed: Mapping[str, float]) -> MethodResult:
-    model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
     result = estimate_record(estimation, record, model)
     estimate = result.estimate
     units = {name: unit for name, unit in zip(estimate.names, estimate.units, strict=True)}
