@@ -12,6 +12,7 @@ from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
+from scenarios.studies.determination.content import determination_content
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
@@ -87,6 +88,8 @@ def method_content(method: MethodResult) -> dict[str, Any]:
     """Parameters, derived quantities, outcome and tests of one method."""
     content = estimate_content(method.result.estimate, method.rows, method.derived, method.fixed, method.tests)
     content["method"] = method.estimation.method
+    if method.determination is not None:
+        content["determination"] = determination_content(method.determination)
     if method.estimation.explanation:
         content["explanation"] = method.estimation.explanation
     return content

@@ -125,6 +125,7 @@ class Estimation:
         1 + 1/400 times.
     use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
+    flown_maneuvers : the same aircraft flown again with these in the place of the flight's; empty takes the record as flown.
     """
 
     name: str
@@ -148,6 +149,7 @@ class Estimation:
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+    flown_maneuvers: tuple[ManeuverPlan, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,7 @@ class Scenario:
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     files : users' model files that it names, with their hashes.
     repeated : flights that show how the estimates scatter; None where one flight is all.
+    determination : tell what the records determine and what only the priors do.
     sweep : structures with which the flight is flown and estimated again; None where one is all.
     """
 
@@ -182,3 +185,4 @@ class Scenario:
     files: tuple[InputFile, ...] = ()
     repeated: Repeated | None = None
     sweep: SweepPlan | None = None
+    determination: bool = False

@@ -122,8 +122,13 @@ def compiled(estimation: Estimation, model: Model) -> System:
     """The System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
     if estimation.method in ("output-error", "filter-error"):
-        model = model.with_biases(_biased(estimation, model))
+        return biased_system(estimation, model)
     return compile_model(model, estimation.outputs, online=filtering)
+
+
+def biased_system(estimation: Estimation, model: Model) -> System:
+    """The System of a model for a whole-record fit: with a free bias of each sensor that can have one."""
+    return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
 def _biased(estimation: Estimation, model: Model) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
+from scenarios.studies.determination.determine import MethodDetermination, determine
 from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, flight_constants
 from scenarios.studies.flying import flown_vehicle, fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
@@ -29,7 +30,7 @@ from sim.vehicles.flexibility.partial_condensation import condense_above
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """What one method found."""
+    """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario asks for it."""
 
     result: Result
     rows: tuple[Row, ...]
@@ -37,6 +38,8 @@ class MethodResult:
     fixed: Mapping[str, tuple[float, str]]
     tests: tuple[ResidualTest, ...]
     levels: tuple[ModeLevel, ...] = ()
+    truth: Truth | None = None
+    determination: MethodDetermination | None = None
 
     @property
     def estimation(self) -> Estimation:
@@ -74,8 +77,12 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
-        methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
+        seen, flown = record, truth
+        if estimation.flown_maneuvers:
+            seen, flown = fly_scenario(replace(scenario, flight=replace(scenario.flight, maneuvers=estimation.flown_maneuvers)), chosen)
+        if estimation.flown_noise_std:
+            seen = measured_again(seen, flown, estimation.flown_noise_std, chosen)
+        methods.append(_method(scenario, estimation, seen, flown, references(scenario, estimation)))
     return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
@@ -99,7 +106,7 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
 
 
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
-    notes = [prior_note(method.result) for method in methods]
+    notes = [] if scenario.determination else [prior_note(method.result) for method in methods]
     if scenario.condensed:
         model = true_model(scenario.flight)
         notes += [residual_note(method.result, model) for method in methods]
@@ -132,4 +139,5 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     modes = characteristics(compiled(estimation, model), own_parameters) if scenario.flown is not None else None
     levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
-    return MethodResult(result, rows, derived, fixed, tests, levels)
+    found = determine(estimation, record, model, estimate) if scenario.determination else None
+    return MethodResult(result, rows, derived, fixed, tests, levels, truth, found)

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from scenarios.studies.determination.text import print_determination
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
@@ -32,6 +33,10 @@ def print_study(study: Study, out: Console | None = None) -> None:
     if study.repeated:
         out.print()
         _print_repeated(study.repeated, out)
+    determined = [method.determination for method in study.methods if method.determination is not None]
+    if determined:
+        out.print()
+        print_determination(determined, out)
     if study.sweep is not None:
         out.print()
         print_sweep(study.sweep, out)

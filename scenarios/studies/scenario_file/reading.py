@@ -10,7 +10,7 @@ from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
 from scenarios.studies.declaration import Estimation, Flight, Mark, PublishedChoice, Scenario, Start, SweepPlan
-from scenarios.studies.scenario_file.flight import flight_of, repeated_of
+from scenarios.studies.scenario_file.flight import flight_of, maneuver_plans, repeated_of
 from scenarios.studies.scenario_file.own import completed, model_files
 from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
 from scenarios.studies.scenario_file.schema import EstimateTable, PublishedTable, ScenarioTable, SpreadTable
@@ -30,6 +30,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """
     content = checked(ScenarioTable, document, where)
     base = {key: value for key, value in document["estimate"].items()}
+    _refuse_other_maneuvers(content, where)
     files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
     flight = flight_of(content.flight, content.estimate.model, where, files)
     _refuse_words_for_aircraft(content, flight.own, where)
@@ -59,6 +60,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         tuple(file.identity for file in files.values()),
         repeated_of(content, [each.name for each in mains], where, files) if content.repeated else None,
         _swept(content, mains, where),
+        content.determination,
     )
 
 
@@ -112,6 +114,7 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         published=_choice(estimate.published),
         flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
         own=own,
+        flown_maneuvers=maneuver_plans(estimate.flown_maneuvers, f"{place}.flown_", model),
     )
     return declared if own is None else completed(declared, flight.noise_std)
 
@@ -124,6 +127,16 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
     for key, vain in asked.items():
         if vain:
             raise DeclarationError("this is for aircraft, and none flies", where=f"{where}, key {key}", remedy="leave it out")
+
+
+def _refuse_other_maneuvers(content: ScenarioTable, where: str) -> None:
+    """Raise DeclarationError for maneuvers of a method's own where all methods see the same flights, or the flight itself says what is flown."""
+    if content.estimate.flown_maneuvers:
+        raise DeclarationError("the main method sees the flight", where=f"{where}, key estimate.flown_maneuvers", remedy="write flight.maneuvers")
+    own = [number for number, method in enumerate(content.methods, start=1) if method.get("flown_maneuvers")]
+    if own and (content.repeated or content.sweep):
+        what = "repeated flights and sweeps are flown once for all methods"
+        raise DeclarationError(what, where=f"{where}, key methods[{own[0]}].flown_maneuvers", remedy="leave it out")
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:

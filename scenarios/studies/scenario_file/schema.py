@@ -119,6 +119,7 @@ class EstimateTable(Strict):
     explanation: str = ""
     published: PublishedTable | None = None
     flown_noise_variance: dict[str, str] = {}
+    flown_maneuvers: list[Maneuver] = []
 
 
 class ScenarioTable(Strict):
@@ -136,3 +137,4 @@ class ScenarioTable(Strict):
     flight_phase: FlightPhase | None = None
     repeated: RepeatedTable | None = None
     sweep: SweepTable | None = None
+    determination: bool = False
