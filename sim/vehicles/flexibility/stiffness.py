@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from sim.errors import ModelError
+from sim.errors import DeclarationError
 from sim.vehicles.data import Origin, VehicleData
 
 
@@ -16,14 +16,14 @@ def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
 
     Raises
     ------
-    ModelError : a factor that is not above zero, or a vehicle without elastic modes and a factor other than one.
+    DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a factor other than one.
     """
     if factor == 1.0:
         return data
     if not (factor > 0.0 and math.isfinite(factor)):
-        raise ModelError(f"a frequency factor of {factor:g}", where=f"vehicle {data.name}", remedy="give a number above zero")
+        raise DeclarationError(f"a frequency factor of {factor:g}", where=f"vehicle {data.name}", remedy="give a number above zero")
     if not data.modes:
-        raise ModelError("it has no modal frequencies", where=f"vehicle {data.name}", remedy="leave the frequency factor out")
+        raise DeclarationError("it has no modal frequencies", where=f"vehicle {data.name}", remedy="leave the frequency factor out")
     scaled = {f"omega{i}" for i in range(1, data.modes + 1)}
     note = f"{factor:g} times that of {data.name}"
     return replace(
