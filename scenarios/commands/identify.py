@@ -151,8 +151,7 @@ def _write(
 ) -> None:
     """The study; ``files`` are those of the fit and those that were predicted."""
     from scenarios.files.folders import study_folder
-    from scenarios.files.responses import RESPONSE, write_responses
-    from scenarios.files.writing import write_json, write_record
+    from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 
     with study_folder(out, "comparison.json") as scratch:
         for fit in found.fits[:1]:

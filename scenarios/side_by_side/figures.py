@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.files.responses import Responses
 from scenarios.plots.files import save_figure
-from scenarios.plots.side_by_side import ParameterColumn, StudyResponse, figure_studies_errors, figure_studies_estimates, figure_studies_responses
+from scenarios.plots.studies.side_by_side import (
+    ParameterColumn,
+    StudyResponse,
+    figure_studies_errors,
+    figure_studies_estimates,
+    figure_studies_responses,
+)
 from scenarios.side_by_side.comparison import SideBySide
+from scenarios.side_by_side.responses import Responses
 from scenarios.side_by_side.value import Value
 
 TITLE = "studies side by side"

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.responses import read_responses
+from scenarios.side_by_side.responses import read_responses
 from scenarios.side_by_side.value import Column, Value
 from sim.errors import DeclarationError
 

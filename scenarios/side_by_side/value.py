@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from scenarios.files.responses import Responses
+from scenarios.side_by_side.responses import Responses
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import numpy as np
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
 from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.determination import DeterminedBy, figure_determination
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
+from scenarios.plots.studies.determination import DeterminedBy, figure_determination
 from scenarios.studies.declaration import Start
 from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
@@ -135,7 +135,9 @@ def _equivalents(study: Study) -> list[EquivalentRow]:
 def _determined(method: MethodDetermination) -> DeterminedBy:
     found, seen = method.found, len(method.found.names) - method.found.unseen
     ratio = dict(zip(found.names, (found.posterior_std / found.prior_std).tolist(), strict=True))
-    return DeterminedBy(method.estimation.label, ratio, dict(zip(found.names, found.prior_share.tolist(), strict=True)), found.strengths[:seen], found.unseen)
+    return DeterminedBy(
+        method.estimation.label, ratio, dict(zip(found.names, found.prior_share.tolist(), strict=True)), found.strengths[:seen], found.unseen
+    )
 
 
 def _pair(start: Start) -> tuple[float, float]:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.folders import study_folder
-from scenarios.files.responses import RESPONSE, write_responses
-from scenarios.files.writing import write_json, write_record
+from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 from scenarios.studies.comparison import comparison
 from scenarios.studies.determination.content import determination_csv
 from scenarios.studies.study import MethodResult, Study

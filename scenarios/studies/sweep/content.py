@@ -18,7 +18,9 @@ def sweep_content(sweep: Sweep) -> dict[str, Any]:
     criteria = []
     for each in criteria_of(sweep.points):
         told: dict[str, Any] = {"name": each.name, "sentence": each.sentence, "limit": each.limit, "fails_below": each.below}
-        told["values"] = [{"frequency_factor": p.frequency_factor, "value": v} for p, v in zip(sweep.points, each.values, strict=True) if math.isfinite(v)]
+        told["values"] = [
+            {"frequency_factor": p.frequency_factor, "value": v} for p, v in zip(sweep.points, each.values, strict=True) if math.isfinite(v)
+        ]
         if each.degree is not None and each.frequency_factor is not None:
             told |= {"degree": each.degree, "frequency_factor": each.frequency_factor}
         criteria.append(told)

@@ -48,21 +48,22 @@ def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
         _criterion("likelihood", "a model with one elastic mode is likelier (BIC)", 0.0, False, points, _preference),
         _criterion("whiteness", "the residual of the rigid fit is no longer white", math.log10(WHITE), True, points, _whiteness),
         _criterion(
-            "misfit", "what no rigid model explains exceeds the noise", math.log10(LARGEST_MISFIT), False, points, lambda p: math.log10(p.figures.misfit)
+            "misfit",
+            "what no rigid model explains exceeds the noise",
+            math.log10(LARGEST_MISFIT),
+            False,
+            points,
+            lambda p: math.log10(p.figures.misfit),
         ),
     ]
     return tuple(each for each in found if any(map(math.isfinite, each.values)))
 
 
-def _criterion(
-    name: str, sentence: str, limit: float, below: bool, points: Sequence[SweepPoint], value: Callable[[SweepPoint], float]
-) -> Criterion:
+def _criterion(name: str, sentence: str, limit: float, below: bool, points: Sequence[SweepPoint], value: Callable[[SweepPoint], float]) -> Criterion:
     values = tuple(float(value(point)) for point in points)
     degree = _begins([math.log(point.figures.degree) for point in points], values, limit, below)
     factor = _begins([math.log(point.frequency_factor) for point in points], values, limit, below)
-    return Criterion(
-        name, sentence, limit, below, values, None if degree is None else math.exp(degree), None if factor is None else math.exp(factor)
-    )
+    return Criterion(name, sentence, limit, below, values, None if degree is None else math.exp(degree), None if factor is None else math.exp(factor))
 
 
 def _begins(places: Sequence[float], values: Sequence[float], limit: float, below: bool) -> float | None:

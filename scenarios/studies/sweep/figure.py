@@ -6,7 +6,7 @@ import math
 
 from matplotlib.figure import Figure
 
-from scenarios.plots.flexibility import CriterionCourse, DerivativeCourse, Published, figure_flexibility
+from scenarios.plots.studies.flexibility import CriterionCourse, DerivativeCourse, Published, figure_flexibility
 from scenarios.studies.sweep.criteria import criteria_of
 from scenarios.studies.sweep.sweep import Sweep
 

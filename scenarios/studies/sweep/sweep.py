@@ -15,6 +15,7 @@ from scenarios.studies.declaration import Estimation, Flight, Mark, Scenario, St
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
 from scenarios.studies.flying import STEPS, flown_vehicle, maneuvers_by_input, true_model
 from scenarios.studies.published import published_values
+from sim.declaration.model import Model
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 from sim.truth.many_flights import fly_side_by_side
@@ -125,7 +126,7 @@ def _flown(scenario: Scenario, plan: SweepPlan, record: Record) -> dict[str, np.
     )
 
 
-def _model(scenario: Scenario, estimation: Estimation, flight: Flight):  # type: ignore[no-untyped-def]
+def _model(scenario: Scenario, estimation: Estimation, flight: Flight) -> Model:
     return declared_model(estimation, flight_constants(flight, estimation), assumed_noise(scenario, estimation))
 
 

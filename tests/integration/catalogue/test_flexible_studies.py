@@ -7,13 +7,14 @@ import io
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ident.statistics.determination import determination
 from ident.whole_record.sensitivities import weighted_sensitivities
-from scenarios.files.responses import read_responses
+from scenarios.side_by_side.responses import read_responses
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.comparison import comparison
 from scenarios.studies.estimating import assumed_noise, biased_system, declared_model, flight_constants
@@ -120,7 +121,7 @@ def test_alpha_and_q_show_three_numbers_a_state_whatever_the_maneuver(modes: int
     assert len(names) - found.unseen == 3 * (2 + 2 * modes)
 
 
-def test_a_method_may_fly_maneuvers_of_its_own(tmp_path, flightid: CommandLine) -> None:  # type: ignore[no-untyped-def]
+def test_a_method_may_fly_maneuvers_of_its_own(tmp_path: Path) -> None:
     own = '[{input="elevator", kind="doublet", amplitude=0.05, unit="0.5 s", start="1 s"}]'
     scenario = load_scenario("rigid", [*COARSE, f'methods=[{{name="doublet", explanation="x", flown_maneuvers={own}}}]', "determination=true"])
     study = run_scenario(scenario)

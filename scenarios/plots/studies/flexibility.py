@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -94,11 +95,11 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
         colour, marker = _ESTIMATES[number % len(_ESTIMATES)]
         values, std = (unit.factor * np.array(part) for part in zip(*found, strict=True))
         places = np.array(degrees) * np.exp(shift[number])
-        look = {"fmt": marker, "color": colour, "markersize": 3.2, "linewidth": 0.9, "capsize": 1.5}
+        look: dict[str, Any] = {"fmt": marker, "color": colour, "markersize": 3.2, "linewidth": 0.9, "capsize": 1.5}
         panel.errorbar(places, values, yerr=2.0 * std, label=f"{plain(label)} ±2σ", **look)
     for each in course.published:
-        look = {"fmt": "s", "color": VERMILION, "markersize": 4.5, "linewidth": 1.2, "capsize": 2.5, "label": "published ±2σ"}
-        panel.errorbar([each.degree], [unit.factor * each.value], yerr=[2.0 * unit.factor * each.std], zorder=5, **look)
+        printed: dict[str, Any] = {"fmt": "s", "color": VERMILION, "markersize": 4.5, "linewidth": 1.2, "capsize": 2.5, "label": "published ±2σ"}
+        panel.errorbar([each.degree], [unit.factor * each.value], yerr=[2.0 * unit.factor * each.std], zorder=5, **printed)
 
 
 def _dress(panel: Axes, degrees: Sequence[float], criteria: Sequence[CriterionCourse], marks: Mapping[str, float]) -> None:
@@ -109,5 +110,11 @@ def _dress(panel: Axes, degrees: Sequence[float], criteria: Sequence[CriterionCo
         if criterion.degree is not None:
             panel.axvline(criterion.degree, color=_CRITERIA[number], linewidth=1.4, linestyle=_LINES[number], label=plain(criterion.label))
     for label, degree in marks.items():
-        place = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom", "fontsize": TICK_SIZE - 1.0, "annotation_clip": False}
+        place: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "ha": "center",
+            "va": "bottom",
+            "fontsize": TICK_SIZE - 1.0,
+            "annotation_clip": False,
+        }
         panel.annotate(plain(label), (degree, 1.0), **place)

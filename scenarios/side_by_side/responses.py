@@ -1,9 +1,8 @@
-"""Measured, predicted and noise-free outputs over time as CSV: written into study folders, read back by what compares them."""
+"""Measured, predicted and noise-free outputs over time, read back from a study folder."""
 
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 from collections.abc import Mapping
@@ -13,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
-from sim.record import Record
+from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 
-RESPONSE, SIMULATION = "response", "simulation"
-PREDICTED, SIMULATED, TRUE = "predicted_", "simulated_", "true_"
+SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenarios
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,25 +30,6 @@ class Responses:
     predicted: Mapping[str, np.ndarray]
     true: Mapping[str, np.ndarray]
     units: Mapping[str, str]
-
-
-def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarray], true: Mapping[str, np.ndarray] | None = None) -> None:
-    """Write ``time``, the inputs, and of each predicted output ``NAME``, ``predicted_NAME`` and, where known, ``true_NAME``.
-
-    ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell is empty where there is no number.
-    """
-    columns: dict[str, np.ndarray] = {TIME: record.time}
-    columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
-    for name, row in predicted.items():
-        columns |= {name: record[name].with_gaps(), f"{PREDICTED}{name}": row}
-        if true is not None and name in true:
-            columns[f"{TRUE}{name}"] = true[name]
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    rows = zip(*(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True)
-    writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def read_responses(folder: Path, method: str = "") -> Responses | None:
