@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from rich.console import Console
 
@@ -13,16 +14,23 @@ from scenarios.terminal.numbers import console, number
 from scenarios.terminal.quantities import determined
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
+CELL, FIXED = 17, 40  # columns of a terminal: an estimate with its sigma; parameter, unit and true value
+FRAMED = 100  # columns of a terminal from which tables have frames
 _FRAME = 3  # columns of a terminal that a column of a table takes besides its text
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:
     """What each study is, then tables of what they share: estimates, errors and published values where there are any."""
     out = out or console()
-    for column in compared.columns:
+    numbered = sum(_FRAME + max(len(column.label), CELL) for column in compared.columns) > out.width - FIXED
+    for place, column in enumerate(compared.columns, start=1):
         told = [column.title or column.estimator, *([column.estimator] if column.title and column.estimator else [])]
         told += [f"seed {column.seed}"] if column.seed is not None else []
-        print_paragraph(out, f"{column.label}: {', '.join(told)}; {column.outcome}", indent=0)
+        print_paragraph(out, f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(told)}; {column.outcome}", indent=0)
+    if numbered:
+        shown = tuple(replace(column, label=str(n)) for n, column in enumerate(compared.columns, start=1))
+        singles = {str(n): compared.single[c.label] for n, c in enumerate(compared.columns, start=1) if c.label in compared.single}
+        compared = replace(compared, columns=shown, single=singles)
     names = (*compared.names, *compared.derived)
     true = _common_truth(compared, names)
     known = [Column("true", ["-" if value is None else f"{value:.5g}" for value in true])] if any(value is not None for value in true) else []
@@ -43,25 +51,26 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
 def _print(
     out: Console, compared: SideBySide, title: str, names: Sequence[str], cell: Callable[[Value], str], further: Sequence[Column] = ()
 ) -> None:
-    """One table, in as many parts as the terminal's width asks for; each has the parameters at its left. Rows that say nothing are left out."""
+    """One table, in as many parts as the terminal's width asks for; each has title and parameters. Rows that say nothing are left out."""
     names = [name for name in names if any(_cell(compared.value(name, study), cell) != "-" for study in compared.columns)]
     fixed = [Column("parameter", names, left=True), Column("unit", [compared.unit(name) for name in names], left=True), *further]
     rest = [Column(study.label, [_cell(compared.value(name, study), cell) for name in names]) for study in compared.columns]
     rest = [column for column in rest if set(column.cells) != {"-"}]
-    left = out.width - _FRAME - sum(map(_width, fixed))
+    frame = _FRAME if out.width >= FRAMED else 1
+    left = out.width - sum(_width(column, frame) for column in fixed)
     part: list[Column] = []
     for column in rest:
-        if part and sum(map(_width, (*part, column))) > left:
+        if part and sum(_width(each, frame) for each in (*part, column)) > left:
             out.print()
             print_table(out, title, [*fixed, *part])
-            title, part = f"{title}, further studies", []
+            part = []
         part.append(column)
     out.print()
     print_table(out, title, [*fixed, *part])
 
 
-def _width(column: Column) -> int:
-    return _FRAME + max(len(text) for text in (column.heading, *column.cells))
+def _width(column: Column, frame: int) -> int:
+    return frame + max(len(text) for text in (column.heading, *column.cells))
 
 
 def _values(compared: SideBySide) -> list[tuple[Study, Value]]:

@@ -19,7 +19,7 @@ from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.comparison import comparison
 from scenarios.studies.estimating import assumed_noise, biased_system, declared_model, flight_constants
 from scenarios.studies.files import write_study
-from scenarios.studies.flying import fly_scenario
+from scenarios.studies.flying import fly_scenario, true_model
 from scenarios.studies.study import Study, run_scenario
 from scenarios.studies.sweep.content import sweep_content, sweep_csv
 from scenarios.studies.sweep.criteria import _begins, criteria_of
@@ -28,6 +28,7 @@ from sim.errors import DeclarationError
 from sim.vehicles.flexibility.static_condensation import condense
 from sim.vehicles.flexibility.stiffness import with_frequency_factor
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.linear import linearise
 from tests.integration.command_line import CommandLine
 
 COARSE = ("flight.rate=20 Hz", "flight.step=0.005")
@@ -154,3 +155,32 @@ def test_a_method_may_fly_maneuvers_of_its_own(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_swept_or_flown_is_refused(name: str, change: str, what: str, flightid: CommandLine) -> None:
     assert what in flightid.refused("run", name, "--set", change)
+
+
+@pytest.mark.slow
+def test_what_the_full_order_model_says_of_the_papers_sentence() -> None:
+    study = run_scenario(load_scenario("flexible-ac1-full-order"))
+    steps, sine, filtered = (method.determination for method in study.methods)
+    assert steps is not None and sine is not None and filtered is not None
+    for each in (steps, sine, filtered):
+        assert (len(each.found.names), each.found.unseen) == (66, 36)
+    assert 12 <= steps.found.determined < sine.found.determined <= 17
+    assert sine.found.effective > steps.found.effective + 1.0
+    assert steps.overclaimed == sine.overclaimed == () and len(filtered.overclaimed) >= 5
+    main = study.main
+    assert all(test.passed for test in main.tests)
+    assert np.mean([abs(row.sigmas or 0.0) < 2.0 for row in main.rows]) > 0.9
+    value, sigma = main.derived["natural_frequency"]
+    true = sorted(abs(root) for root in np.linalg.eigvals(linearise(true_model(study.scenario.flight)).A) if root.imag > 0)[0]
+    assert sigma < 1e-3 and abs(value - true) < 3.0 * sigma
+
+
+@pytest.mark.slow
+def test_a_known_combination_is_as_far_off_as_it_says() -> None:
+    # The short period of the first-mode model, which none of its three unseen directions touches, over runs with other noise.
+    scenario = load_scenario("flexible-ac1-first-mode", ["flight.modes=1", "condensed=false", "distance=same equations, finer step"])
+    scenario = replace(scenario, estimations=(next(each for each in scenario.estimations if each.name == "output-error"),))
+    true = sorted(abs(root) for root in np.linalg.eigvals(linearise(true_model(scenario.flight)).A) if root.imag > 0)[0]
+    found = [run_scenario(scenario, seed).main.derived["natural_frequency"] for seed in range(40)]
+    errors = np.array([(value - true) / sigma for value, sigma in found])
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.3
