@@ -90,11 +90,25 @@ def run(
     out: Out = None,
     changes: Changes = None,
     figures: Figures = True,
+    compare: Annotated[bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")] = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.commands.run import run_scenarios
+    from scenarios.commands.run import run_and_compare, run_scenarios
 
-    run_scenarios(names, seed, out, changes or [], figures)
+    (run_and_compare if compare else run_scenarios)(names, seed, out, changes or [], figures)
+
+
+@app.command()
+def compare(
+    studies: Annotated[list[str], typer.Argument(metavar="STUDY...", help="Study folders; FOLDER:METHOD is a further method of one.")],
+    every: Annotated[bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
+    figures: Figures = True,
+) -> None:
+    """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
+    from scenarios.commands.compare import compare_studies
+
+    compare_studies(studies, out, every, figures)
 
 
 @app.command()

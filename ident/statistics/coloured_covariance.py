@@ -21,23 +21,27 @@ def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
 
 
 def corrected_covariance(
-    inverse: np.ndarray, parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]], variance: np.ndarray
+    inverse: np.ndarray,
+    parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+    variance: np.ndarray,
+    prior: np.ndarray | None = None,
 ) -> np.ndarray:
     """Sandwich covariance of a whole-record fit.
 
     Parameters
     ----------
-    inverse : ``(n, n)`` inverse information matrix under white noise.
+    inverse : ``(n, n)`` inverse information matrix under white noise, that of the prior included.
     parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``, residuals and validity
         ``(m, N)``; missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
+    prior : ``(n, n)`` information of the prior, which no colour touches; None where there is none.
 
     Returns
     -------
     ``(n, n)``; each diagonal entry is at least that of white noise of the same variance, so that a lucky record
     does not shrink a sigma.
     """
-    middle = np.zeros_like(inverse)
+    middle = np.zeros_like(inverse) if prior is None else np.array(prior, dtype=float)
     for at, jacobian, residual, valid in parts:
         for i in range(len(residual)):
             if not np.any(valid[i]):

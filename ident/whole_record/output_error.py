@@ -90,7 +90,17 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
         return inverse, determined
     layout = fit.layout
     parts = [(layout.columns(r), fit.jacobians[r], fit.residuals[r], problem.valid) for r, problem in enumerate(layout.problems)]
-    return corrected_covariance(inverse, parts, fit.variance), determined
+    return corrected_covariance(inverse, parts, fit.variance, prior_information(fit)), determined
+
+
+def prior_information(fit: Fit) -> np.ndarray | None:
+    """What the priors of a fit say of its unknowns, ``(n, n)``; None where it counts none."""
+    prior = fit.layout.prior
+    if prior is None:
+        return None
+    out = np.zeros((len(fit.theta), len(fit.theta)))
+    out[np.ix_(prior.positions, prior.positions)] = prior.information
+    return out
 
 
 def estimate_of(fit: Fit) -> Estimate:

@@ -151,9 +151,12 @@ def _write(
 ) -> None:
     """The study; ``files`` are those of the fit and those that were predicted."""
     from scenarios.files.folders import study_folder
-    from scenarios.files.writing import write_json, write_record
+    from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 
     with study_folder(out, "comparison.json") as scratch:
+        for fit in found.fits[:1]:
+            simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
+            write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)
         for number, record in enumerate(measured, start=1):
             write_record(scratch, record, "record" if number == 1 else f"record_{number}")
         for file in (*files[0], *files[1]):

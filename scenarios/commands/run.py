@@ -42,8 +42,8 @@ class Runner:
     bar: bool = False
 
 
-def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
-    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``."""
+def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool, *, told: bool = True) -> None:
+    """Run scenarios one after the other; with several, each gets a folder of its own under ``out``, which is printed if ``told``."""
     from scenarios.studies.catalogue import scenario_kind
 
     shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
@@ -51,11 +51,31 @@ def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, chan
     _refuse_same_names(shorts)
     runners = [_LOADERS[kind](name, changes) for name, kind in zip(names, kinds, strict=True)]
     for name, short, runner in zip(names, shorts, runners, strict=True):
-        _run(runner, name, seed, None if out is None else out if len(runners) == 1 else out / short, figures)
+        _run(runner, name, seed, None if out is None else out if len(runners) == 1 else out / short, figures, told)
 
 
-def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: bool) -> None:
-    """Run, write where a folder is named, print."""
+def run_and_compare(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
+    """Run scenarios as ``run_scenarios``, then put their study folders side by side; without ``out`` these are gone afterwards."""
+    from tempfile import TemporaryDirectory
+
+    from scenarios.commands.compare import compare_studies
+
+    shorts = [Path(name).stem if name.endswith(".toml") else name for name in names]
+    if len(shorts) < 2:
+        raise DeclarationError("one scenario has nothing beside it", where="flightid run --compare", remedy="name at least two")
+    if out is not None:
+        run_scenarios(names, seed, out, changes, figures)
+        print()
+        compare_studies([str(out / short) for short in shorts], out, False, figures)
+        return
+    with TemporaryDirectory(prefix="flightid-") as scratch:
+        run_scenarios(names, seed, Path(scratch), changes, False, told=False)
+        print()
+        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, False)
+
+
+def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: bool, told: bool) -> None:
+    """Run, write where a folder is named, print, and say where it was written if ``told``."""
     from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar
 
@@ -64,7 +84,7 @@ def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figur
     if folder is not None:
         runner.write(study, folder, figures=figures)
     runner.show(study)
-    if folder is not None:
+    if folder is not None and told:
         print(f"written to {folder}; begin with {folder / 'report.html'}" if runner.page else f"written to {folder}")
 
 
@@ -78,6 +98,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.studies.files import write_study
     from scenarios.studies.repeated import fly_repeatedly
     from scenarios.studies.study import Study, run_scenario
+    from scenarios.studies.sweep.sweep import sweep_flexibility
     from scenarios.studies.text import print_study
 
     scenario = load_scenario(name, changes)
@@ -85,9 +106,10 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     def run(seed: int | None, progress: Progress) -> Study:
         study = run_scenario(scenario, seed)
         check_display(study)
-        return replace(study, repeated=fly_repeatedly(scenario, seed, progress))
+        sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed, progress)
+        return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
-    return Runner(run, write_study, print_study, bar=scenario.repeated is not None)
+    return Runner(run, write_study, print_study, bar=scenario.repeated is not None or scenario.sweep is not None)
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:

@@ -19,6 +19,8 @@ from scenarios.files.measured.sidecar import SCHEMA
 from sim.errors import FlightidError
 from sim.record import Record
 
+RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"  # a study's outputs over time: its file, and what stands before their names
+
 
 def write_record(folder: str | Path, record: Record, stem: str = "record") -> tuple[Path, Path]:
     """Write ``stem.csv`` and ``stem.json`` and return their paths.
@@ -38,6 +40,25 @@ def write_record(folder: str | Path, record: Record, stem: str = "record") -> tu
     units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
     write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units})
     return table, sidecar
+
+
+def write_responses(path: Path, record: Record, predicted: Mapping[str, np.ndarray], true: Mapping[str, np.ndarray] | None = None) -> None:
+    """Write ``time``, the inputs, and of each predicted output ``NAME``, ``predicted_NAME`` and, where known, ``true_NAME``.
+
+    ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell is empty where there is no number.
+    """
+    columns: dict[str, np.ndarray] = {TIME: record.time}
+    columns |= {channel.name: channel.with_gaps() for channel in record.inputs}
+    for name, row in predicted.items():
+        columns |= {name: record[name].with_gaps(), f"{PREDICTED}{name}": row}
+        if true is not None and name in true:
+            columns[f"{TRUE}{name}"] = true[name]
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    rows = zip(*(np.asarray(column, dtype=float).tolist() for column in columns.values()), strict=True)
+    writer.writerows([f"{value:.9g}" if math.isfinite(value) else "" for value in row] for row in rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:

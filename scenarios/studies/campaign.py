@@ -11,7 +11,7 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.filters.ekf import SETTLED
 from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.studies.declaration import Estimation, Scenario
-from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, vehicle_constants
+from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
 from scenarios.studies.flying import fly_scenario, measured_again
 from scenarios.studies.study import references
 from sim.declaration.system import System
@@ -68,7 +68,7 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Camp
     estimation = scenario.estimations[0]
     record, truth = fly_scenario(scenario, first)
     records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
-    model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
     if estimation.method == "ekf" and not scenario.flight.feedback:  # a batch has one input, and under feedback no two runs have the same
         names, values, std, sound = _bank(estimation, records, model)
     else:

@@ -12,9 +12,11 @@ from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
+from scenarios.studies.determination.content import determination_content
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.content import sweep_content
 from scenarios.terminal.flying_qualities import levels_content
 from scenarios.terminal.quantities import AXES
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
@@ -41,6 +43,8 @@ def comparison(study: Study) -> dict[str, Any]:
         out["inputs"] = {"models": [file.name for file in files], "models_sha256": [file.sha256 for file in files]}
     if study.flexibility is not None:
         out["flexibility"] = flexibility_content(study.flexibility)
+    if study.sweep is not None:
+        out["sweep"] = sweep_content(study.sweep)
     if study.repeated:
         out["repeated"] = [_repeated(each) for each in study.repeated]
     if len(study.methods) > 1:
@@ -84,6 +88,8 @@ def method_content(method: MethodResult) -> dict[str, Any]:
     """Parameters, derived quantities, outcome and tests of one method."""
     content = estimate_content(method.result.estimate, method.rows, method.derived, method.fixed, method.tests)
     content["method"] = method.estimation.method
+    if method.determination is not None:
+        content["determination"] = determination_content(method.determination)
     if method.estimation.explanation:
         content["explanation"] = method.estimation.explanation
     return content

@@ -45,6 +45,7 @@ class Flight:
     noise_std : measurement noise, by output.
     derivatives : true values in the place of the vehicle's.
     feedback : by input, then by output, gains with which what is measured moves the input.
+    frequency_factor : of the modal frequencies against the vehicle's: above one a stiffer structure, below one a softer one.
     """
 
     vehicle: str
@@ -59,6 +60,7 @@ class Flight:
     derivatives: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     feedback: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+    frequency_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,23 @@ class PublishedChoice:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A structure of a sweep that has a name, and where its rigid equivalents are printed."""
+
+    label: str
+    frequency_factor: float
+    published: PublishedChoice | None = None
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """Frequency factors at which a flight is flown and estimated again, from stiff to soft, and those of them that have a name."""
+
+    frequency_factors: tuple[float, ...]
+    marks: tuple[Mark, ...] = ()
+
+
+@dataclass(frozen=True)
 class Estimation:
     """How a record is estimated; everything an estimator is told stands here.
 
@@ -106,6 +125,7 @@ class Estimation:
         1 + 1/400 times.
     use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
+    flown_maneuvers : the same aircraft flown again with these in the place of the flight's; empty takes the record as flown.
     """
 
     name: str
@@ -129,6 +149,7 @@ class Estimation:
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+    flown_maneuvers: tuple[ManeuverPlan, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -147,6 +168,8 @@ class Scenario:
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     files : users' model files that it names, with their hashes.
     repeated : flights that show how the estimates scatter; None where one flight is all.
+    determination : tell what the records determine and what only the priors do.
+    sweep : structures with which the flight is flown and estimated again; None where one is all.
     """
 
     name: str
@@ -161,3 +184,5 @@ class Scenario:
     flown: Flown | None = None
     files: tuple[InputFile, ...] = ()
     repeated: Repeated | None = None
+    sweep: SweepPlan | None = None
+    determination: bool = False

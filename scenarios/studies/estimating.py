@@ -16,7 +16,7 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
 from ident.filters.transition import Exponential, Taylor
-from scenarios.studies.declaration import Estimation, Scenario, Start
+from scenarios.studies.declaration import Estimation, Flight, Scenario, Start
 from scenarios.studies.flying import STEPS
 from scenarios.studies.scenario_file.own import own_biases, own_declared
 from sim.declaration.compile import compile_model
@@ -37,6 +37,7 @@ from sim.vehicles.factory import (
     mode_units,
     model_from_constants,
 )
+from sim.vehicles.flexibility.stiffness import with_frequency_factor
 from sim.vehicles.library import read_parameter_set
 
 FIT_STEP = 0.01  # longest sub-step of whole-record fits, s
@@ -102,22 +103,32 @@ def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float
     return {**scenario.flight.noise_std, **estimation.flown_noise_std, **estimation.noise_std}
 
 
-def vehicle_constants(estimation: Estimation, vehicle: str) -> dict[str, float]:
+def vehicle_constants(estimation: Estimation, vehicle: str, frequency_factor: float = 1.0) -> dict[str, float]:
     """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and none where the model has its own."""
     if estimation.own is not None:
         return {}
-    data = read_parameter_set(vehicle)
+    data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
     names = list(_KINDS[_kind(estimation)].constants)
     names += [mode_parameter(local, i) for i in range(1, estimation.modes + 1) for local in MODE_CONSTANTS]
     return {name: data[name].value for name in names}
+
+
+def flight_constants(flight: Flight, estimation: Estimation) -> dict[str, float]:
+    """``vehicle_constants`` of what flies."""
+    return vehicle_constants(estimation, flight.vehicle, flight.frequency_factor)
 
 
 def compiled(estimation: Estimation, model: Model) -> System:
     """The System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
     if estimation.method in ("output-error", "filter-error"):
-        model = model.with_biases(_biased(estimation, model))
+        return biased_system(estimation, model)
     return compile_model(model, estimation.outputs, online=filtering)
+
+
+def biased_system(estimation: Estimation, model: Model) -> System:
+    """The System of a model for a whole-record fit: with a free bias of each sensor that can have one."""
+    return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
 def _biased(estimation: Estimation, model: Model) -> list[str]:

@@ -13,11 +13,15 @@ from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
+from scenarios.plots.studies.determination import DeterminedBy, figure_determination
 from scenarios.studies.declaration import Start
+from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.figure import draw_sweep
 
 TOLD_APART = 0.1  # of the main residual's rms: what differs less is drawn by the main method alone
 MOST_RESPONSES = 3
+MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page are no longer read
 
 
 def draw_study(study: Study, folder: Path) -> None:
@@ -28,6 +32,8 @@ def draw_study(study: Study, folder: Path) -> None:
     fit = figure_fit(study.record, [_response(method) for method in _told_apart(study)], study.truth, title, study.truth.noise_std)
     save_figure(fit, folder, "fit")
     for method in study.methods:
+        if method.estimation.flown_maneuvers:
+            save_figure(figure_record(method.result.record, f"{title}\n{method.estimation.label}"), folder, f"record_{method.estimation.name}")
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
             _draw_filter(study, method, folder, "" if method is main else f"_{method.estimation.name}")
@@ -54,6 +60,11 @@ def draw_study(study: Study, folder: Path) -> None:
     if study.repeated:
         clouds = [ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes) for each in study.repeated]
         save_figure(figure_repeated(clouds, title), folder, "repeated")
+    determined = [_determined(method.determination) for method in study.methods if method.determination is not None]
+    if determined:
+        save_figure(figure_determination(determined, title), folder, "determination")
+    if study.sweep is not None:
+        save_figure(draw_sweep(study.sweep, title), folder, "flexibility")
     if scenario.condensed:
         save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
 
@@ -67,11 +78,13 @@ def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) 
         published = {row.name: _pair(row.published) for row in method.rows if row.published is not None}
         units = [row.unit for row in method.rows]
         against = "condensed" if study.scenario.condensed else "true"
-        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against)
-        save_figure(histories, folder, f"parameters{suffix}")
+        few = len(estimate.names) <= MOST_PANELS
+        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against) if few else None
+        if histories is not None:
+            save_figure(histories, folder, f"parameters{suffix}")
         units = units_of(method.result.record, estimate.output_names)
         save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, f"innovations{suffix}")
-    if method is study.main and len(estimate.names) > 1 and np.all(np.isfinite(estimate.correlation)):
+    if method is study.main and 1 < len(estimate.names) <= MOST_PANELS and np.all(np.isfinite(estimate.correlation)):
         save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
 
 
@@ -117,6 +130,14 @@ def _equivalents(study: Study) -> list[EquivalentRow]:
         for row in method.rows
         if row.true is not None and row.condensed is not None
     ]
+
+
+def _determined(method: MethodDetermination) -> DeterminedBy:
+    found, seen = method.found, len(method.found.names) - method.found.unseen
+    ratio = dict(zip(found.names, (found.posterior_std / found.prior_std).tolist(), strict=True))
+    return DeterminedBy(
+        method.estimation.label, ratio, dict(zip(found.names, found.prior_share.tolist(), strict=True)), found.strengths[:seen], found.unseen
+    )
 
 
 def _pair(start: Start) -> tuple[float, float]:

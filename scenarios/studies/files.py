@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.folders import study_folder
-from scenarios.files.writing import write_json, write_record
+from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 from scenarios.studies.comparison import comparison
+from scenarios.studies.determination.content import determination_csv
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.content import sweep_csv
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -21,8 +23,9 @@ MAIN = "comparison.json"
 def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``history.csv`` of a filter, figures as PNG,
-    ``comparison.json`` last. A method that saw other sensors leaves ``record_METHOD.csv``.
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``response.csv`` (measured, predicted and noise-free outputs),
+    ``history.csv`` of a filter, figures as PNG, ``comparison.json`` last. Further methods leave ``response_METHOD.csv`` and
+    ``history_METHOD.csv``, those that saw other sensors ``record_METHOD.csv``; a sweep ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record)
@@ -30,10 +33,18 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
             name = method.estimation.name
             if method.result.record is not study.record:
                 write_record(scratch, method.result.record, f"record_{name}")
-            if method.result.estimate.history is not None:
-                suffix = "" if method is study.main else f"_{name}"
+            suffix = "" if method is study.main else f"_{name}"
+            estimate = method.result.estimate
+            predicted = dict(zip(estimate.output_names, estimate.fitted[0], strict=True))
+            write_responses(scratch / f"{RESPONSE}{suffix}.csv", method.result.record, predicted, method.truth.outputs if method.truth else None)
+            if estimate.history is not None:
                 write_history(scratch / f"history{suffix}.csv", method)
         write_json(scratch / "truth.json", truth_content(study.truth))
+        determined = [method.determination for method in study.methods if method.determination is not None]
+        if determined:
+            (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
+        if study.sweep is not None:
+            (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
         if figures:
             from scenarios.studies.figures import draw_study
 

@@ -21,7 +21,9 @@ from sim.propagation.integrate import euler_step, rk4_step
 from sim.record import Record
 from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import Distance, Truth, fly, remeasure, sample_times
+from sim.vehicles.data import VehicleData
 from sim.vehicles.factory import WHOLE_AXES, ballistic_model, flexible_model, rigid_model, whole_axis_model
+from sim.vehicles.flexibility.stiffness import with_frequency_factor
 from sim.vehicles.library import read_parameter_set
 
 EVER = -1e6  # s, since when an input has been at rest: before all that a record or an effect looks back to
@@ -41,7 +43,7 @@ def true_model(flight: Flight) -> Model:
     noise = Noise(flight.noise_std, flight.process_noise)
     if flight.own is not None:
         return flight.own.with_noise(noise)
-    model = vehicle_model(flight.vehicle, flight.modes, noise)
+    model = vehicle_model(flight.vehicle, flight.modes, noise, flight.frequency_factor)
     free = model.parameters.free_names
     for name in flight.derivatives:
         if name not in free:
@@ -49,9 +51,9 @@ def true_model(flight: Flight) -> Model:
     return model.with_values(flight.derivatives)
 
 
-def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
-    """A built-in vehicle with so many of its elastic modes."""
-    data = read_parameter_set(vehicle)
+def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: float = 1.0) -> Model:
+    """A built-in vehicle with so many of its elastic modes, their frequencies by a factor."""
+    data = with_frequency_factor(read_parameter_set(vehicle), frequency_factor)
     if modes and not data.modes:
         raise DeclarationError(f"{modes} elastic modes asked for", where=f"vehicle {data.name}", remedy="it has none")
     if data.equations == "ballistic":
@@ -59,6 +61,11 @@ def vehicle_model(vehicle: str, modes: int, noise: Noise) -> Model:
     if data.equations in WHOLE_AXES:
         return whole_axis_model(data, noise)
     return flexible_model(data, modes, noise) if modes else rigid_model(data, noise)
+
+
+def flown_vehicle(flight: Flight) -> VehicleData:
+    """The numbers of the built-in vehicle that flies."""
+    return with_frequency_factor(read_parameter_set(flight.vehicle), flight.frequency_factor)
 
 
 def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record, Truth]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.statistics.shares import clustered_share
 from scenarios.studies.declaration import Estimation, Scenario, Variation
-from scenarios.studies.estimating import assumed_noise, declared_model, estimate_record, vehicle_constants
+from scenarios.studies.estimating import assumed_noise, declared_model, estimate_record, flight_constants
 from scenarios.studies.flying import fly_scenario
 from sim.record import Record
 from sim.truth.flight import Truth
@@ -82,7 +82,7 @@ def _flown(scenario: Scenario, variation: Variation, first: int, runs: int) -> I
 
 
 def _scatter(scenario: Scenario, variation: Variation, estimation: Estimation, flown: list[tuple[Record, Truth]]) -> Scatter:
-    model = declared_model(estimation, vehicle_constants(estimation, variation.flight.vehicle), assumed_noise(scenario, estimation))
+    model = declared_model(estimation, flight_constants(variation.flight, estimation), assumed_noise(scenario, estimation))
     names = tuple(estimation.start)
     done = [estimate_record(estimation, record, model).estimate for record, _ in flown]
     true = np.array([[truth.parameters[name].value for name in names] for _, truth in flown])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,23 +13,24 @@ from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario
-from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, vehicle_constants
-from scenarios.studies.flying import fly_scenario, measured_again, true_model
+from scenarios.studies.determination.determine import MethodDetermination, determine
+from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, flight_constants
+from scenarios.studies.flying import flown_vehicle, fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
 from scenarios.studies.published import published_values
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
+from scenarios.studies.sweep.sweep import Sweep
 from sim.errors import ModelError
 from sim.record import Record
 from sim.truth.flight import Truth
 from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.partial_condensation import condense_above
-from sim.vehicles.library import read_parameter_set
 
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """What one method found."""
+    """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario asks for it."""
 
     result: Result
     rows: tuple[Row, ...]
@@ -37,6 +38,8 @@ class MethodResult:
     fixed: Mapping[str, tuple[float, str]]
     tests: tuple[ResidualTest, ...]
     levels: tuple[ModeLevel, ...] = ()
+    truth: Truth | None = None
+    determination: MethodDetermination | None = None
 
     @property
     def estimation(self) -> Estimation:
@@ -45,7 +48,8 @@ class MethodResult:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, where they were flown."""
+    """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, ``sweep`` its structures from stiff
+    to soft, where they were flown."""
 
     scenario: Scenario
     seed: int
@@ -55,6 +59,7 @@ class Study:
     notes: tuple[str, ...] = ()
     flexibility: Flexibility | None = None
     repeated: tuple[Scatter, ...] = ()
+    sweep: Sweep | None = None
 
     @property
     def main(self) -> MethodResult:
@@ -72,8 +77,12 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
-        methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
+        seen, flown = record, truth
+        if estimation.flown_maneuvers:
+            seen, flown = fly_scenario(replace(scenario, flight=replace(scenario.flight, maneuvers=estimation.flown_maneuvers)), chosen)
+        if estimation.flown_noise_std:
+            seen = measured_again(seen, flown, estimation.flown_noise_std, chosen)
+        methods.append(_method(scenario, estimation, seen, flown, references(scenario, estimation)))
     return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
@@ -81,7 +90,7 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
     """What an estimation's model should find where the vehicle has more modes than it: condensed coefficients by name, SI."""
     if not scenario.condensed:
         return EMPTY
-    values = read_parameter_set(scenario.flight.vehicle).values
+    values = flown_vehicle(scenario.flight).values
     return condense_above(values, scenario.flight.modes, min(estimation.modes, scenario.flight.modes))
 
 
@@ -91,13 +100,13 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:
         return None
     try:
-        return flexibility(read_parameter_set(flight.vehicle), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
+        return flexibility(flown_vehicle(flight), record["elevator"].values, 1.0 / flight.rate, flight.noise_std, flight.modes)
     except ModelError:
         return None
 
 
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
-    notes = [prior_note(method.result) for method in methods]
+    notes = [] if scenario.determination else [prior_note(method.result) for method in methods]
     if scenario.condensed:
         model = true_model(scenario.flight)
         notes += [residual_note(method.result, model) for method in methods]
@@ -105,7 +114,7 @@ def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ..
 
 
 def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, condensed: Mapping[str, float]) -> MethodResult:
-    model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))
+    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
     result = estimate_record(estimation, record, model)
     estimate = result.estimate
     units = {name: unit for name, unit in zip(estimate.names, estimate.units, strict=True)}
@@ -130,4 +139,5 @@ def _method(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     modes = characteristics(compiled(estimation, model), own_parameters) if scenario.flown is not None else None
     levels = mode_levels(modes, scenario.flown) if modes is not None and scenario.flown is not None else ()
     fixed = {item.name: (item.value, item.unit) for item in model.parameters if not item.free}
-    return MethodResult(result, rows, derived, fixed, tests, levels)
+    found = determine(estimation, record, model, estimate) if scenario.determination else None
+    return MethodResult(result, rows, derived, fixed, tests, levels, truth, found)

@@ -9,10 +9,12 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from scenarios.studies.determination.text import print_determination
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.text import print_sweep
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
 from scenarios.terminal.quantities import determined
@@ -31,6 +33,13 @@ def print_study(study: Study, out: Console | None = None) -> None:
     if study.repeated:
         out.print()
         _print_repeated(study.repeated, out)
+    determined = [method.determination for method in study.methods if method.determination is not None]
+    if determined:
+        out.print()
+        print_determination(determined, out)
+    if study.sweep is not None:
+        out.print()
+        print_sweep(study.sweep, out)
     if study.flexibility is not None:
         out.print()
         for sentence in flexibility_sentences(study.flexibility, study.scenario.flight.noise_std):

@@ -35,6 +35,7 @@ def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, 
         dict(flight.derivatives),
         {name: dict(gains) for name, gains in flight.feedback.items()},
         own,
+        flight.frequency_factor,
     )
 
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
-from scenarios.studies.declaration import Estimation, Flight, PublishedChoice, Scenario, Start
-from scenarios.studies.scenario_file.flight import flight_of, repeated_of
+from scenarios.studies.declaration import Estimation, Flight, Mark, PublishedChoice, Scenario, Start, SweepPlan
+from scenarios.studies.scenario_file.flight import flight_of, maneuver_plans, repeated_of
 from scenarios.studies.scenario_file.own import completed, model_files
 from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
-from scenarios.studies.scenario_file.schema import EstimateTable, ScenarioTable, SpreadTable
+from scenarios.studies.scenario_file.schema import EstimateTable, PublishedTable, ScenarioTable, SpreadTable
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
@@ -30,6 +30,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """
     content = checked(ScenarioTable, document, where)
     base = {key: value for key, value in document["estimate"].items()}
+    _refuse_other_maneuvers(content, where)
     files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
     flight = flight_of(content.flight, content.estimate.model, where, files)
     _refuse_words_for_aircraft(content, flight.own, where)
@@ -58,7 +59,32 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
         tuple(file.identity for file in files.values()),
         repeated_of(content, [each.name for each in mains], where, files) if content.repeated else None,
+        _swept(content, mains, where),
+        content.determination,
     )
+
+
+def _swept(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> SweepPlan | None:
+    """The structures of a sweep, from stiff to soft."""
+    if content.sweep is None:
+        return None
+    place = f"{where}, key sweep"
+    if not content.condensed or content.flight.modes < 1:
+        raise DeclarationError("there is no structure to soften", where=place, remedy="fly elastic modes, with condensed = true")
+    if mains[0].modes or mains[0].model != "rigid":
+        raise DeclarationError("the main method is no rigid model", where=place, remedy='write model = "rigid" under [estimate]')
+    if content.flight.feedback or content.flight.process_noise:
+        raise DeclarationError("feedback or random forcing in a sweep", where=place, remedy="leave it out of the flight")
+    factors = tuple(sorted(set(content.sweep.frequency_factors), reverse=True))
+    for number, mark in enumerate(content.sweep.marks, start=1):
+        if mark.frequency_factor not in factors:
+            known = ", ".join(f"{factor:g}" for factor in factors)
+            raise DeclarationError("no such factor", where=f"{place}.marks[{number}].frequency_factor", remedy=f"use one of {known}")
+    return SweepPlan(factors, tuple(Mark(mark.label, mark.frequency_factor, _choice(mark.published)) for mark in content.sweep.marks))
+
+
+def _choice(published: PublishedTable | None) -> PublishedChoice | None:
+    return PublishedChoice(published.file, published.table, published.column) if published else None
 
 
 def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight, files: Mapping[str, OwnModel]) -> Estimation:
@@ -66,7 +92,6 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
     own = files[estimate.model].model if estimate.model in files else None
     model = own or estimate.model
     _refuse_missing(estimate, own, place)
-    published = PublishedChoice(estimate.published.file, estimate.published.table, estimate.published.column) if estimate.published else None
     declared = Estimation(
         name=name,
         label=estimate.label or name,
@@ -86,9 +111,10 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         use_priors=estimate.use_priors,
         spread=math.inf if estimate.spread is None else estimate.spread,
         explanation=" ".join(estimate.explanation.split()),
-        published=published,
+        published=_choice(estimate.published),
         flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
         own=own,
+        flown_maneuvers=maneuver_plans(estimate.flown_maneuvers, f"{place}.flown_", model),
     )
     return declared if own is None else completed(declared, flight.noise_std)
 
@@ -101,6 +127,16 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
     for key, vain in asked.items():
         if vain:
             raise DeclarationError("this is for aircraft, and none flies", where=f"{where}, key {key}", remedy="leave it out")
+
+
+def _refuse_other_maneuvers(content: ScenarioTable, where: str) -> None:
+    """Raise DeclarationError for maneuvers of a method's own where all methods see the same flights, or the flight itself says what is flown."""
+    if content.estimate.flown_maneuvers:
+        raise DeclarationError("the main method sees the flight", where=f"{where}, key estimate.flown_maneuvers", remedy="write flight.maneuvers")
+    own = [number for number, method in enumerate(content.methods, start=1) if method.get("flown_maneuvers")]
+    if own and (content.repeated or content.sweep):
+        what = "repeated flights and sweeps are flown once for all methods"
+        raise DeclarationError(what, where=f"{where}, key methods[{own[0]}].flown_maneuvers", remedy="leave it out")
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:

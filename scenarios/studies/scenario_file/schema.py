@@ -64,6 +64,7 @@ class FlightTable(Strict):
     process_noise: dict[str, Quantity] = {}
     derivatives: dict[str, float] = {}
     feedback: dict[str, dict[str, float]] = {}
+    frequency_factor: float = Field(default=1.0, gt=0.0)
 
 
 class VariationTable(Strict):
@@ -83,6 +84,17 @@ class PublishedTable(Strict):
     file: Name
     table: Name
     column: Name
+
+
+class MarkTable(Strict):
+    label: Name
+    frequency_factor: float
+    published: PublishedTable | None = None
+
+
+class SweepTable(Strict):
+    frequency_factors: list[Annotated[float, Field(gt=0.0)]] = Field(min_length=3)
+    marks: list[MarkTable] = []
 
 
 class EstimateTable(Strict):
@@ -107,6 +119,7 @@ class EstimateTable(Strict):
     explanation: str = ""
     published: PublishedTable | None = None
     flown_noise_variance: dict[str, str] = {}
+    flown_maneuvers: list[Maneuver] = []
 
 
 class ScenarioTable(Strict):
@@ -123,3 +136,5 @@ class ScenarioTable(Strict):
     aircraft_class: AircraftClass | None = None
     flight_phase: FlightPhase | None = None
     repeated: RepeatedTable | None = None
+    sweep: SweepTable | None = None
+    determination: bool = False

@@ -34,11 +34,13 @@ EXPECTED = {
     "flexible-ac2-equivalent",
     "flexible-ac1-first-mode",
     "flexible-ac2-first-mode",
+    "flexible-ac1-full-order",
+    "flexibility-sweep",
     "lateral",
     "longitudinal",
     "unstable",
 }
-OWN_FLIGHTS = {*WHOLE_AXES, "unstable"}  # that no paper has printed
+OWN_FLIGHTS = {*WHOLE_AXES, "unstable", "flexible-ac1-full-order"}  # that no paper has printed
 POUND_PER_SQUARE_FOOT = 4.882427636
 every_scenario = pytest.mark.parametrize("name", scenario_names("identification"))
 

@@ -94,6 +94,8 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "`published`": schema.PublishedTable,
     "`[repeated]`": schema.RepeatedTable,
     "`[[repeated.flights]]`": schema.VariationTable,
+    "`[sweep]`": schema.SweepTable,
+    "`[[sweep.marks]]`": schema.MarkTable,
 }
 
 

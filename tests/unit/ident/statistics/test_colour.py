@@ -116,3 +116,15 @@ def test_share_of_samples_that_count_follows_bartlett(rho: float) -> None:
     series = ar1(np.random.default_rng(1), (1, 6000), rho)
     share = effective_share([series], [np.ones(series.shape, dtype=bool)])
     assert share == pytest.approx((1.0 - rho**2) / (1.0 + rho**2), rel=0.2)
+
+
+def test_a_prior_keeps_the_combination_that_the_record_knows() -> None:
+    # Only the sum of two parameters is seen: each alone is as uncertain as the prior says, the sum is not.
+    rng = np.random.default_rng(5)
+    slope = np.sin(np.arange(500) / 20.0)
+    X, residual = np.stack([slope, slope], 1), rng.standard_normal((1, 500))
+    prior, variance = np.eye(2), np.array([float(np.mean(residual**2))])
+    inverse = np.linalg.inv(X.T @ X / variance + prior)
+    corrected = corrected_covariance(inverse, [(np.arange(2), X[None], residual, np.ones((1, 500), dtype=bool))], variance, prior)
+    assert np.diag(corrected) == pytest.approx(0.5, rel=0.02)
+    assert np.ones(2) @ corrected @ np.ones(2) == pytest.approx(np.ones(2) @ inverse @ np.ones(2), rel=0.5)

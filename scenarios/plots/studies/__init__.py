@@ -1,0 +1,1 @@
+"""Figures of several studies, structures or methods beside each other."""

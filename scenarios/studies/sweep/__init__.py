@@ -1,0 +1,1 @@
+"""The same flight with structures from stiff to soft."""
