@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from scenarios.trials.reproduction.declaration import PAPERS, paper_of
-from scenarios.trials.reproduction.numbers import Found, Numbers, from_file, from_studies, keeping, kept_text
+from scenarios.trials.reproduction.lookups import Found, Numbers, from_file, from_studies, keeping, kept_text
 from scenarios.trials.reproduction.page import page_of
 from scenarios.trials.reproduction.running import run_all, scenarios_of
 from sim.errors import FlightidError
@@ -20,7 +20,7 @@ PAGE = Path("docs/papers.md")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the page and, beside it, its numbers as JSON; 2 with one line where the declaration or a study is at fault."""
     parser = argparse.ArgumentParser(prog="python -m scenarios.trials.reproduction", description="two papers, number by number")
-    parser.add_argument("--studies", type=Path, help="folder with a study folder for each scenario; what is missing is run into it (default: all are run)")
+    parser.add_argument("--studies", type=Path, help="folder of study folders; what is missing is run into it (default: all are run)")
     parser.add_argument("--page", type=Path, default=PAGE, help="the page; its numbers go beside it as .json (default: docs/papers.md)")
     parser.add_argument("--kept", action="store_true", help="run nothing: take the numbers that lie beside the page, to write reasons anew")
     parser.add_argument("--jobs", type=int, default=1, help="processes")

@@ -28,10 +28,12 @@ class _Strict(BaseModel):
 class Values(_Strict):
     """Printed numbers of one table or column, one row each.
 
-    ``study``: ``SCENARIO`` or ``SCENARIO/METHOD``. ``published``: ``TABLE.COLUMN`` of the paper's file of published numbers, of which ``names`` is the
-    part that is shown; ``printed``: numbers that this file does not hold, ``"4.26"``, ``"1.2 +- 0.3"``, ``"1.2 var 0.09"`` or ``"0.140 to 0.146"``.
+    ``study``: ``SCENARIO`` or ``SCENARIO/METHOD``. ``published``: ``TABLE.COLUMN`` of the paper's file of published numbers, of which
+    ``names`` is the part that is shown; ``printed``: numbers that this file does not hold, see ``printed_of``.
     ``path``: where the study has ``{name}``. ``reference``: what both are also held against. ``turned``: whether the signs of ``Paper.turned`` apply.
-    ``why``: of rows beyond two sigmas, and of all that are not compared in sigmas; ``within``: of the others; ``reasons``: of one row.
+    ``unit``: of the page, ours are converted; ``own_unit``: of ours where the study tells none. ``zero``: quantities that are zero in print
+    and in ours, one row together. ``note``: what holds for all rows. ``why``: of rows beyond two sigmas, and of all that are not compared in
+    sigmas; ``within``: of the others; ``reasons``: of one row.
     """
 
     label: Text
@@ -42,6 +44,9 @@ class Values(_Strict):
     path: str = "{name}"
     reference: Literal["", "true", "condensed", "loop_equivalent"] = ""
     unit: str = ""
+    own_unit: str = ""
+    zero: list[str] = []
+    note: str = ""
     turned: bool = True
     compare: Literal["sigmas", "ratio", "difference", "none"] = "sigmas"
     within: Text = "within two sigmas"
@@ -62,8 +67,8 @@ class Matrix(_Strict):
 class Statement(_Strict):
     """A figure, a conclusion or a reading of the print.
 
-    ``figure``: its counterpart, ``SCENARIO/FILE``. ``numbers``: by the names that ``ours`` uses in braces, each ``STUDY: PATH``. ``holds``: conditions on
-    them, ``"lag < 0.1"`` or ``"|lag| > other"``, without which ``agrees`` would no longer follow.
+    ``figure``: its counterpart, ``SCENARIO/FILE``. ``numbers``: by the names that ``ours`` uses in braces, each ``STUDY: PATH``. ``holds``:
+    conditions on them, ``"lag < 0.1"`` or ``"|lag| > other"``, without which ``agrees`` would no longer follow.
     """
 
     place: Text
@@ -77,13 +82,15 @@ class Statement(_Strict):
 
 
 class Part(_Strict):
-    """A table of the paper, its figures, or its conclusions. ``true``: printed true values; ``misprints``: those that are not flown, and why."""
+    """A table of the paper, its figures, or its conclusions. ``true``: printed true values; ``misprints``: those that are not flown, and why.
+    ``together``: the rows of all ``values`` in one table, for those with the same columns."""
 
     heading: Text
     about: str = ""
     units: str = ""
     true: dict[str, Text] = {}
     misprints: dict[str, Text] = {}
+    together: bool = False
     values: list[Values] = []
     matrices: list[Matrix] = []
     statements: list[Statement] = []
@@ -123,7 +130,7 @@ def digits(value: Decimal) -> str:
 
 
 def printed_of(text: str, where: str) -> Printed:
-    """A printed number from its declaration. Raises DeclarationError where it has another form."""
+    """A printed number from ``"4.26"``, ``"1.2 +- 0.3"``, ``"1.2 var 0.09"`` or ``"0.140 to 0.146"``. Raises DeclarationError for another form."""
     found = _PRINTED.fullmatch(text)
     if found is None:
         raise DeclarationError(f"{text!r} is no printed number", where=where, remedy="write 1.2, 1.2 +- 0.3, 1.2 var 0.09 or 1.2 to 1.3")
@@ -137,7 +144,7 @@ def printed_of(text: str, where: str) -> Printed:
 
 def _with_variance(value: Decimal, variance: Decimal) -> Printed:
     std = float(variance) ** 0.5
-    return Printed(value, std, std_text=f"{std:.2g}")
+    return Printed(value, std, std_text=f"{std:.2g}".replace("e-0", "e-"))
 
 
 def published_of(paper: Paper, column: str) -> dict[str, Printed]:

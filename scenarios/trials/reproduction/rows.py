@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from scenarios.files.units import to_si
 from scenarios.terminal.numbers import number
 from scenarios.trials.reproduction.declaration import Paper, Part, Printed, Values, digits, printed_of, printed_values
-from scenarios.trials.reproduction.numbers import Found, Numbers
+from scenarios.trials.reproduction.lookups import Found, Numbers
 from sim.errors import DeclarationError
 
 # What the low-order fit to a loop's own frequency response has.
@@ -20,8 +20,8 @@ CLOSE = 2.0  # sigmas beyond which a row says why
 class Row:
     """One printed number beside ours.
 
-    ``true`` is empty and ``reference`` none where there is none, ``off`` too: how far both are from the reference in their own sigmas. ``sigmas`` is None
-    where the two are not compared in sigmas.
+    ``true`` is empty and ``reference`` none where there is none, ``off`` too: how far both are from the reference in their own sigmas.
+    ``sigmas`` is None where the two are not compared in sigmas.
     """
 
     name: str
@@ -42,12 +42,21 @@ def rows_of(paper: Paper, part: Part, group: Values, numbers: Numbers) -> list[R
     ------
     DeclarationError : a number is missing, a row that must say why does not, or a printed true value is not flown and no misprint.
     """
-    return [_row(paper, part, group, name, printed, numbers) for name, printed in printed_values(paper, group).items()]
+    rows = [_row(paper, part, group, name, printed, numbers) for name, printed in printed_values(paper, group).items()]
+    return [*rows, _zero(group, numbers)] if group.zero else rows
+
+
+def _zero(group: Values, numbers: Numbers) -> Row:
+    """The row of what is zero in print and in ours. Raises DeclarationError where ours is not."""
+    others = [name for name in group.zero if numbers(f"{group.study}: {group.path.format(name=name)}").value]
+    if others:
+        raise DeclarationError(f"{', '.join(others)} of ours is not zero", where=group.label, remedy="give it a row under printed")
+    return Row("`, `".join(group.zero), "", "none", "0", "0", "same", "none", "zero in both")
 
 
 def _row(paper: Paper, part: Part, group: Values, name: str, printed: Printed, numbers: Numbers) -> Row:
     path = group.path.format(name=name)
-    sign = -1.0 if group.turned and name in paper.turned else 1.0
+    sign = -1.0 if group.turned and sum(each in paper.turned for each in name.split(".")) % 2 else 1.0
     ours = _shown(numbers(f"{group.study}: {path}"), group, sign)
     reference = _reference(group, name, sign, numbers)
     where = f"{paper.published}, {group.label}, {name}"
@@ -75,8 +84,8 @@ def _reference(group: Values, name: str, sign: float, numbers: Numbers) -> Found
 
 def _shown(found: Found, group: Values, sign: float) -> Found:
     """Ours in the paper's unit and sign."""
-    factor = float(to_si(1.0, found.unit, group.unit, group.label, DeclarationError)) if group.unit else 1.0
-    return Found(sign * factor * found.value, None if found.std is None else factor * found.std, group.unit or found.unit)
+    factor = float(to_si(1.0, found.unit or group.own_unit, group.unit, group.label, DeclarationError)) if group.unit else 1.0
+    return Found(sign * factor * found.value + 0.0, None if found.std is None else factor * found.std, group.unit or found.unit)
 
 
 def _text(found: Found) -> str:
@@ -86,7 +95,8 @@ def _text(found: Found) -> str:
 
 
 def _plain(text: str) -> str:
-    return text.replace("e-0", "e-").replace("e+0", "e")
+    short = text.replace("e-0", "e-").replace("e+0", "e")
+    return short if short.strip("-0.") else short.removeprefix("-")
 
 
 def _sigmas(printed: Printed, ours: Found) -> float:

@@ -14,7 +14,7 @@ from scenarios.studies.files import write_study
 from scenarios.studies.repeated import fly_repeatedly
 from scenarios.studies.study import run_scenario
 from scenarios.trials.reproduction.declaration import Paper
-from scenarios.trials.reproduction.numbers import split
+from scenarios.trials.reproduction.lookups import split
 from scenarios.x29.files import write_loop
 from scenarios.x29.study import loop_scenario, run_loop
 from sim.errors import DeclarationError

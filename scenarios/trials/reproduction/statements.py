@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from scenarios.trials.reproduction.declaration import Matrix, Statement
-from scenarios.trials.reproduction.numbers import Found, Numbers
+from scenarios.trials.reproduction.lookups import Found, Numbers
 from sim.errors import DeclarationError
 
 _TERM = r"\|?[-+]?[\w.]+\|?"
@@ -104,11 +104,12 @@ class Cells:
 
 def cells_of(matrix: Matrix, turned: list[str], numbers: Numbers) -> Cells:
     """Both matrices; ours with the signs of the paper. Raises DeclarationError where a row has too many or too few entries."""
-    printed = {}
+    printed: dict[tuple[str, str], float] = {}
     for at, (name, line) in enumerate(zip(matrix.names, [*matrix.upper, ""], strict=True)):
         others, entries = matrix.names[at + 1 :], line.split()
         if len(others) != len(entries):
-            raise DeclarationError(f"{len(entries)} entries, {len(others)} are due", where=f"reproduction, {matrix.label}, {name}", remedy="see the paper")
+            what = f"{len(entries)} entries, {len(others)} are due"
+            raise DeclarationError(what, where=f"reproduction, {matrix.label}, {name}", remedy="see the paper")
         printed |= {(name, other): float(entry) for other, entry in zip(others, entries, strict=True)}
     ours = {}
     for a, b in printed:

@@ -44,14 +44,18 @@ def split(lookup: str) -> tuple[str, str, str]:
 def number_in(folder: Path, method: str, path: str) -> Found:
     """A number of a study folder.
 
-    ``NAME`` is a parameter or a derived quantity with its sigma, ``NAME.true`` an entry of it, ``correlation.A.B`` a correlation, ``files.NAME`` 1 if the study
-    has that file, ``record.CHANNEL.peak`` the largest size of a recorded channel, ``record.rate`` samples a second, ``history.settled`` the time after which every parameter of the filter
-    stays within two final sigmas of its final value; any other path is that of ``comparison.json``, entries of lists by number or by ``name=VALUE``.
+    ``NAME`` is a parameter or a derived quantity with its sigma, ``NAME.true`` an entry of it, ``correlation.A.B`` a correlation,
+    ``files.NAME`` 1 if the study has that file, ``record.CHANNEL.peak`` the largest size of a recorded channel, ``record.rate`` samples a
+    second, ``history.settled`` the time after which every parameter of the filter stays within two final sigmas of its final value; any
+    other path is that of ``comparison.json``, entries of lists by number or by ``name=VALUE``. ``PATH^2`` is a number squared, without a
+    sigma.
 
     Raises
     ------
     LookupError : there is no such number.
     """
+    if path.endswith("^2"):
+        return Found(number_in(folder, method, path.removesuffix("^2")).value ** 2)
     content = _content(folder / "comparison.json")
     base = content if method in ("", "main") else content["plain"] if method == "plain" else content["methods"][method]
     first, _, rest = path.partition(".")
