@@ -156,6 +156,8 @@ def published_of(paper: Paper, column: str) -> dict[str, Printed]:
         raise DeclarationError(f"there is no column {column!r}", where=f"published {paper.published}", remedy="name TABLE.COLUMN of that file")
     out = {}
     for quantity, cell in cells.items():
+        if not isinstance(cell, dict) or "value" not in cell:
+            continue
         value = -cell["value"] if quantity in paper.turned else cell["value"]
         if "variance" in cell:
             out[quantity] = _with_variance(value, cell["variance"])
