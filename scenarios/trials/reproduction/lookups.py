@@ -46,9 +46,9 @@ def number_in(folder: Path, method: str, path: str) -> Found:
 
     ``NAME`` is a parameter or a derived quantity with its sigma, ``NAME.true`` an entry of it, ``correlation.A.B`` a correlation,
     ``files.NAME`` 1 if the study has that file, ``record.CHANNEL.peak`` the largest size of a recorded channel, ``record.rate`` samples a
-    second, ``history.settled`` the time after which every parameter of the filter stays within two final sigmas of its final value; any
-    other path is that of ``comparison.json``, entries of lists by number or by ``name=VALUE``. ``PATH^2`` is a number squared, without a
-    sigma.
+    second, ``history.settled`` the time after which every parameter of the filter stays within two final sigmas of its final value,
+    ``truth.PATH`` a number of ``truth.json``; any other path is that of ``comparison.json``, entries of lists by number or by ``name=VALUE``.
+    ``PATH^2`` is a number squared, without a sigma.
 
     Raises
     ------
@@ -61,6 +61,8 @@ def number_in(folder: Path, method: str, path: str) -> Found:
     first, _, rest = path.partition(".")
     if first == "files":
         return Found(1.0) if rest in content["files"] and (folder / rest).is_file() else _absent(path)
+    if first == "truth":
+        return _found(_walk(_content(folder / "truth.json"), rest))
     if first == "record":
         return _recorded(_columns(folder / "record.csv"), rest)
     if first == "history":

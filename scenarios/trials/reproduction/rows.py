@@ -11,8 +11,8 @@ from scenarios.trials.reproduction.declaration import Paper, Part, Printed, Valu
 from scenarios.trials.reproduction.lookups import Found, Numbers
 from sim.errors import DeclarationError
 
-# What the low-order fit to a loop's own frequency response has.
-LOOP = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "natural_frequency", "damping_ratio", "delay")
+# What the low-order fit to a loop's own frequency response finds; L_q is held in it.
+LOOP = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "natural_frequency", "damping_ratio", "delay")
 CLOSE = 2.0  # sigmas beyond which a row says why
 
 

@@ -27,7 +27,7 @@ STUDY = {
     "derived": {"omega": {"estimate": 3.0, "std": 0.1, "unit": "rad/s"}},
     "correlation": {"names": ["a", "b"], "matrix": [[1.0, -0.9], [-0.9, 1.0]]},
     "variants": [{"name": "x", "misfit": {"q": 7.0}}, {"name": "y", "misfit": {"q": 8.0}}],
-    "frequency_response": {"loop": {"L_q": 1.01}},
+    "frequency_response": {"loop": {"M_q": -3.0}},
     "plain": {"parameters": {"a": {"estimate": 2.5, "std": 0.4}}},
     "methods": {"other": {"parameters": {"a": {"estimate": 1.6, "std": 0.2, "unit": "rad"}}, "correlation": {"a": {"b": 0.25}}}},
 }
@@ -38,6 +38,7 @@ def folder(tmp_path: Path) -> Path:
     place = tmp_path / "one"
     place.mkdir()
     (place / "comparison.json").write_text(json.dumps(STUDY))
+    (place / "truth.json").write_text('{"airframe": {"a": 0.5}}')
     (place / "fit.png").write_bytes(b"")
     (place / "record.csv").write_text("time,q\n0.0,0.1\n0.5,-0.4\n1.0,0.2\n")
     (place / "history.csv").write_text("time,a,std_a\n0,5,1\n1,2.7,0.5\n2,2.5,0.4\n3,2,0.3\n")
@@ -63,6 +64,7 @@ def numbers(folder: Path) -> Numbers:
         ("one: variants.0.misfit.q", Found(7.0)),
         ("one: variants.0.misfit.q^2", Found(49.0)),
         ("one: files.fit.png", Found(1.0)),
+        ("one: truth.airframe.a", Found(0.5)),
         ("one: record.q.peak", Found(0.4)),
         ("one: record.rate", Found(2.0, None, "Hz")),
         # Away by more than 0.6 until 1 s, by 0.5 at 2 s.
@@ -139,7 +141,8 @@ def test_a_difference_is_over_the_root_of_both_variances(numbers: Numbers) -> No
 def test_distance_from_the_reference_is_in_the_sigmas_of_each(numbers: Numbers) -> None:
     found = row(numbers, printed={"a": "2.0 +- 0.1"}, true={"a": "1.5"}, reference="true")
     assert (found.true, found.off) == ("1.5", "+5.0; +1.7")
-    assert row(numbers, printed={"L_q": "1.01"}, path="a", reference="loop_equivalent", why="w").reference == "1.01"
+    assert row(numbers, printed={"M_q": "1.9"}, path="a", reference="loop_equivalent", why="w").off == "no sigma; +16.7"
+    assert row(numbers, printed={"L_q": "1.9"}, path="a", reference="loop_equivalent", why="w").reference == "none"  # held in the loop's equivalent
 
 
 @pytest.mark.parametrize(
