@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
+from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.propagation.grid import Drive, drive_from_record
@@ -61,8 +61,7 @@ def _alternative_outputs(
     start = np.concatenate([np.repeat(X[:, :1, :-1], 1 + known, axis=1), X[:, 1 : 1 + moving, :-1]], axis=1)
     start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
     drive = _drive(problem, few, varied)
-    reached = cross_intervals(problem, list(start), _repeated(drive, known), rows)[-1]
-    ends = stacked(reached[:known], start.shape[1:])
+    ends = interval_ends(problem, start, _repeated(drive, known), rows)[:known]
     A = (ends[:, 1 : 1 + known] - ends[:, :1]) / steps[:, None]
     B = ends[:, 1 + known :] - X[:known, 1 : 1 + moving, 1:]
     joined = join_intervals(A, B, ends[:, 0] - X[:known, 0, 1:], (), np.zeros(known))
@@ -89,8 +88,7 @@ def _drive_added(problem: RecordProblem, alternatives: np.ndarray, varied: np.nd
     step = 1e-3
     for j in range(added):
         start[known + j, 1 + j :: 1 + added] += step
-    reached = cross_intervals(problem, list(start), _drive(problem, rows, varied), rows)[-1]
-    ends = stacked(reached[known:], start.shape[1:]).reshape(added, count, 1 + added, intervals)
+    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows)[known:].reshape(added, count, 1 + added, intervals)
     columns = np.arange(intervals) * added
     for k in range(count):
         base = ends[:, k, 0]
