@@ -75,9 +75,12 @@ def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(rows, axis=2).reshape(len(rows[0]), -1)
 
 
-def interval_ends(problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any]) -> np.ndarray:
-    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of the drive ``(c, M)``."""
-    shape, out = x[0].shape, None
+def interval_ends(problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any], columns: int = 0) -> np.ndarray:
+    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of the drive ``(c, M)``.
+
+    ``columns`` : c, where a state that all columns begin at may be given as a row ``(1, K)``.
+    """
+    shape, out = (columns or len(x[0]), x[0].shape[1]), None
     for at in _parts(*shape):
         out = _put(out, _crossed(problem, [row[:, at] for row in x], drive, p, at)[-1], shape, at)
     assert out is not None
