@@ -35,6 +35,12 @@ class Weighed:
     amplitudes: np.ndarray
     each: tuple[tuple[slice, np.ndarray], ...]
 
+    def at(self, place: int) -> Weighed:
+        """The same of one place alone, which no longer holds what the others need."""
+        k, here = self.amplitudes.shape[1], slice(place, place + 1)
+        flat = self.flat if len(self.places) == 1 else self.flat[place * k : (place + 1) * k].copy()
+        return Weighed(self.places[here], flat, self.gains[here], self.amplitudes[here], tuple((rows, a[here]) for rows, a in self.each))
+
 
 def whitened(fitted: FittedModel) -> Whitened:
     fit, layout = fitted.fit, fitted.fit.layout
@@ -137,11 +143,9 @@ def share_explained(white: Whitened, flat: np.ndarray) -> tuple[float, np.ndarra
     return float(share[0]), amplitudes[0]
 
 
-def added_by(white: Whitened, weighed: Weighed, place: int) -> np.ndarray:
-    """What one place adds to the projected outputs, ``(D,)``."""
+def added_by(white: Whitened, weighed: Weighed) -> np.ndarray:
+    """What a signature that is weighed at one place adds to the projected outputs, ``(D,)``."""
     out = np.zeros(len(white.e))
-    k = weighed.amplitudes.shape[1]
-    columns = weighed.flat[place * k : (place + 1) * k]
     for rows, amplitudes in weighed.each:
-        out[rows] += amplitudes[place] @ columns[:, rows]
+        out[rows] += amplitudes[0] @ weighed.flat[:, rows]
     return out - white.Q @ (white.Q.T @ out)
