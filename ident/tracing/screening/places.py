@@ -12,6 +12,8 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from sim.declaration.proposal import Probe
 
+_AT_ONCE = 200_000  # numbers of moved signatures that are whitened together: more do not stay in a processor's cache
+
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
@@ -103,16 +105,17 @@ def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, p
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
     k = parts[0].shape[2]
-    out = np.zeros((len(places) * k, len(white.e)))
+    out = np.empty((len(places) * k, len(white.e)))
     for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
         m, N = part.shape[:2]
-        turned = part.transpose(2, 0, 1)
-        moved = np.zeros((len(places), k, m, N))
-        for number, shift in enumerate(places):
-            if shift < N:
-                moved[number, :, :, shift:] = turned[:, :, : N - shift]
-        whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
-        out[:, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
+        turned, few = part.transpose(2, 0, 1), max(1, _AT_ONCE // part.size)
+        for first in range(0, len(places), few):
+            some = places[first : first + few]
+            moved = np.zeros((len(some), k, m, N))
+            for number, shift in enumerate(some):
+                moved[number, :, :, shift:] = turned[:, :, : max(N - shift, 0)]
+            whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
+            out[first * k : (first + len(some)) * k, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
     return out
 
 
