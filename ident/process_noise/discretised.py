@@ -89,6 +89,8 @@ def _linear_motion(
     H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
     kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
+    if len(kept) == len(states):
+        return F, H, density, stationary
     return F[..., kept[:, None], kept], H[..., kept], density[:, kept], stationary
 
 
@@ -148,16 +150,20 @@ def _jacobian(system: System, function: Any, where: tuple[np.ndarray, np.ndarray
     n_x, values = len(X), np.array([variation.p for variation in variations])
     same = np.all(values == values[0], axis=0)
     p = [float(values[0, i]) if same[i] else values[:, i][:, None, None] for i in range(values.shape[1])]
-    rows, parts = max(1, _AT_ONCE // (len(variations) * n_x)), []
+    rows, out = max(1, _AT_ONCE // (len(variations) * n_x)), None
     for k in range(0, len(t), rows):
         at = slice(k, k + rows)
         x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
         for i in range(n_x):
             x[i][:, i] += 1j * COMPLEX_STEP
-        slopes = [np.imag(row) for row in function(t[at], x, list(U[:, at]), p)]
-        shape = (len(variations), n_x, len(t[at]))
-        parts.append(np.stack([np.broadcast_to(row, shape) for row in slopes], axis=1).transpose(3, 0, 1, 2))
-    return np.concatenate(parts) / COMPLEX_STEP
+        slopes = function(t[at], x, list(U[:, at]), p)
+        if out is None:
+            out = np.empty((len(t), len(variations), len(slopes), n_x))
+        for i, row in enumerate(slopes):
+            turned = np.broadcast_to(np.imag(row), (len(variations), n_x, len(t[at]))).transpose(2, 0, 1)
+            np.divide(turned, COMPLEX_STEP, out=out[at, :, i])
+    assert out is not None
+    return out
 
 
 def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
@@ -174,8 +180,11 @@ def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[
     even = high - low <= 1e-9 * high
     if len(F) > 1:
         steps = np.full(len(steps), steps.mean()) if even else steps
-        at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
-        Phi, Q = discretised(F[at], density, steps[at, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
+        at, back = _distinct(np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1))
+        if len(at) < len(F):  # else the others differ as well, whatever more they have
+            at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
+        some = slice(None) if len(at) == len(F) else at
+        Phi, Q = discretised(F[some], density, steps[some, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
         return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
     if even:
         return discretised(F, density, np.full((1, 1), steps.mean()))
@@ -214,11 +223,21 @@ def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.n
 def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
     """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
 
-    Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
+    Shapes ``(K, ..., n, n)``, ``(..., n)``, ``(K, ...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
     on a short step, then doubling.
     """
     size = np.max(np.sum(np.abs(F), axis=-1).max(axis=-1) * dt, initial=0.0)
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
+    rows = max(1, _AT_ONCE // max(1, F[0].size))
+    if len(F) <= rows:
+        return _doubled(F, density, dt, halvings, terms)
+    dt = np.broadcast_to(dt, (len(F), *dt.shape[1:]))
+    parts = [_doubled(F[k : k + rows], density, dt[k : k + rows], halvings, terms) for k in range(0, len(F), rows)]
+    return np.concatenate([Phi for Phi, _ in parts]), np.concatenate([Q for _, Q in parts])
+
+
+def _doubled(F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int) -> tuple[np.ndarray, np.ndarray]:
+    """As ``discretised``, on a step so many times halved and then doubled again."""
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h
