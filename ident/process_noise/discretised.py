@@ -7,7 +7,7 @@ unknown of the fit, so its deviation starts at zero; states of a noise effect st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +54,9 @@ class Variation:
     scale: float
 
 
+Told = Callable[[np.ndarray], np.ndarray]
+
+
 def discretised_noise(problem: RecordProblem, states: np.ndarray, at: Variation) -> DiscretisedNoise:
     """Process noise about ``states (nx, K + 1)``; without any state where white noise reaches none."""
     F, H, density, stationary = _linear_motion(problem, states, [at])
@@ -70,10 +73,13 @@ def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, move
     parts = (F, H, density[None])
     of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
     chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
-    Phi, Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary)
     width = np.array([moved[i][2] for i in of])[:, None, None]
-    by_Phi, by_Q, by_H, by_start = ((part[:, 2::2] - part[:, 1::2]) / width for part in (Phi, Q, H[:, chosen], start[None]))
-    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, by_H, by_start[0]))
+
+    def slope(part: np.ndarray) -> np.ndarray:
+        return np.asarray((part[:, 2::2] - part[:, 1::2]) / width)
+
+    by_Phi, by_Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary, slope)
+    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0]))
 
 
 def _linear_motion(
@@ -89,14 +95,18 @@ def _linear_motion(
     H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
     kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
+    if len(kept) == len(states):
+        return F, H, density, stationary
     return F[..., kept[:, None], kept], H[..., kept], density[:, kept], stationary
 
 
-def _discrete_motion(problem: RecordProblem, F: np.ndarray, density: np.ndarray, stationary: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phi and Q ``(K or 1, V, n, n)`` over the node intervals, and covariance at the start ``(V, n, n)``."""
+def _discrete_motion(
+    problem: RecordProblem, F: np.ndarray, density: np.ndarray, stationary: np.ndarray, told: Told = np.asarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Phi and Q ``(K or 1, V, n, n)`` over the node intervals, or what is ``told`` of them, and covariance at the start ``(V, n, n)``."""
     if F.shape[-1] == 0:
-        return F, F, F[0]
-    Phi, Q = _over_steps(F, density, np.diff(problem.grid.nodes))
+        return told(F), told(F), F[0]
+    Phi, Q = _over_steps(F, density, np.diff(problem.grid.nodes), told)
     return Phi, Q, _stationary_spread(F[0], density, np.flatnonzero(stationary))
 
 
@@ -148,16 +158,20 @@ def _jacobian(system: System, function: Any, where: tuple[np.ndarray, np.ndarray
     n_x, values = len(X), np.array([variation.p for variation in variations])
     same = np.all(values == values[0], axis=0)
     p = [float(values[0, i]) if same[i] else values[:, i][:, None, None] for i in range(values.shape[1])]
-    rows, parts = max(1, _AT_ONCE // (len(variations) * n_x)), []
+    rows, out = max(1, _AT_ONCE // (len(variations) * n_x)), None
     for k in range(0, len(t), rows):
         at = slice(k, k + rows)
         x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
         for i in range(n_x):
             x[i][:, i] += 1j * COMPLEX_STEP
-        slopes = [np.imag(row) for row in function(t[at], x, list(U[:, at]), p)]
-        shape = (len(variations), n_x, len(t[at]))
-        parts.append(np.stack([np.broadcast_to(row, shape) for row in slopes], axis=1).transpose(3, 0, 1, 2))
-    return np.concatenate(parts) / COMPLEX_STEP
+        slopes = function(t[at], x, list(U[:, at]), p)
+        if out is None:
+            out = np.empty((len(t), len(variations), len(slopes), n_x))
+        for i, row in enumerate(slopes):
+            turned = np.broadcast_to(np.imag(row), (len(variations), n_x, len(t[at]))).transpose(2, 0, 1)
+            np.divide(turned, COMPLEX_STEP, out=out[at, :, i])
+    assert out is not None
+    return out
 
 
 def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
@@ -168,22 +182,25 @@ def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
     return np.flatnonzero(reached)
 
 
-def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Phi and Q over each step, ``(K or 1, V, n, n)``, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
+def _over_steps(F: np.ndarray, density: np.ndarray, steps: np.ndarray, told: Told) -> tuple[np.ndarray, np.ndarray]:
+    """Phi and Q over each step, ``(K or 1, V, n, n)``, or what is ``told`` of them, from ``F (K or 1, V, n, n)`` and ``density (V, n)``."""
     low, high = float(steps.min()), float(steps.max())
     even = high - low <= 1e-9 * high
     if len(F) > 1:
         steps = np.full(len(steps), steps.mean()) if even else steps
-        at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
-        Phi, Q = discretised(F[at], density, steps[at, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS)
+        at, back = _distinct(np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1))
+        if len(at) < len(F):  # else the others differ as well, whatever more they have
+            at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
+        some = slice(None) if len(at) == len(F) else at
+        Phi, Q = discretised(F[some], density, steps[some, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS, told)
         return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
     if even:
-        return discretised(F, density, np.full((1, 1), steps.mean()))
+        return discretised(F, density, np.full((1, 1), steps.mean()), told=told)
     # One F and many steps: the result is a smooth function of the step.
     angle = np.pi * (np.arange(_KNOTS) + 0.5) / _KNOTS
     knots = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
     share = _barycentric(knots, (-1.0) ** np.arange(_KNOTS) * np.sin(angle), steps)
-    Phi, Q = discretised(np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None])
+    Phi, Q = discretised(np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None], told=told)
     return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
 
 
@@ -211,14 +228,23 @@ def _barycentric(knots: np.ndarray, weights: np.ndarray, at: np.ndarray) -> np.n
     return share / share.sum(axis=1, keepdims=True)
 
 
-def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
+def discretised(F: np.ndarray, density: np.ndarray, dt: np.ndarray, terms: int = _TERMS, told: Told = np.asarray) -> tuple[np.ndarray, np.ndarray]:
     """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to rounding.
 
-    Shapes ``(..., n, n)``, ``(..., n)``, ``(...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
-    on a short step, then doubling.
+    Shapes ``(K, ..., n, n)``, ``(..., n)``, ``(K, ...)``. Taylor series of Phi and of the solution of Q_dot = F Q + Q F^T + diag(density)
+    on a short step, then doubling. ``told`` of each part is put together, else all of it.
     """
-    size = np.max(np.sum(np.abs(F), axis=-1).max(axis=-1) * dt, initial=0.0)
+    rows = max(1, _AT_ONCE // max(1, F[0].size))
+    parts = [(F[k : k + rows], dt[k : k + rows]) for k in range(0, len(F), rows)]
+    size = max(float(np.max(np.sum(np.abs(part), axis=-1).max(axis=-1) * steps, initial=0.0)) for part, steps in parts)
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / 0.25))))
+    done = [[told(M) for M in _doubled(part, density, steps, halvings, terms)] for part, steps in parts]
+    Phi, Q = (np.concatenate(stack) for stack in zip(*done, strict=True))
+    return Phi, Q
+
+
+def _doubled(F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int) -> tuple[np.ndarray, np.ndarray]:
+    """As ``discretised``, on a step so many times halved and then doubled again."""
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h

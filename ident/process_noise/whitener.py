@@ -18,6 +18,7 @@ from ident.process_noise.associative_scan import transposed as _turned
 from ident.process_noise.discretised import DiscretisedNoise, NoiseSlopes
 
 _CHUNK = 64
+_AT_ONCE = 800_000  # numbers of a covariance's slopes that are worked out together: more do not stay in a processor's cache
 _SETTLED = 1e-12  # relative change of the covariance over a chunk
 
 
@@ -116,15 +117,36 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
+    T, n, D = len(filter.covariance), filter.covariance.shape[-1], len(slopes.of) + len(by_variance)
+    by_variance = np.concatenate([np.zeros((len(slopes.of), len(filter.variance))), by_variance])
+    few = max(1, _AT_ONCE // max(1, T * n * n))
+    parts = [_slopes_of_some(filter, residual, slopes, by_variance, slice(k, k + few)) for k in range(0, D, few)]
+    flat = np.concatenate([dS for dS, _ in parts]) if parts else np.zeros((0, residual.standard[:T].size * filter.valid.shape[1]))
+    e, m = residual.standard, filter.valid.shape[1]
+    counts = np.bincount(filter.at, minlength=T).astype(float)[:, None, None]
+    information = 0.5 * (flat * np.broadcast_to(counts, (T, m, m)).reshape(-1)) @ flat.T
+    spread = np.add.reduceat(e[:, :, None] * e[:, None, :], np.arange(T))
+    gradient = 0.5 * flat @ (spread - counts * np.eye(m)).reshape(-1)
+    if n == 0:
+        return LikelihoodSlopes(gradient, information)
+    columns = np.concatenate([moved for _, moved in parts], axis=1)
+    return LikelihoodSlopes(gradient + columns.T @ e.reshape(-1), information + columns.T @ columns)
+
+
+def _slopes_of_some(
+    filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of normalised innovations ``((K + 1) m, d)``."""
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
-    D = len(slopes.of) + len(by_variance)
+    of_variance = by_variance[some]
+    d = len(of_variance)
     e, x, K, P, Phi = residual.standard, residual.state[..., None], filter.gain, filter.covariance, filter.motion.Phi
     present = np.where(filter.valid[:1] if len(filter.seen) == 1 else filter.valid, 1.0, 0.0)
-    by_Phi, by_Q, by_start = (_beside(M, len(by_variance)) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None]))
-    by_H = _beside(slopes.motion.H, len(by_variance)) * present[:, :, None, None]
-    by_R = np.zeros((len(present), m, D, m))
+    by_Phi, by_Q, by_start = (_beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None]))
+    by_H = _beside(slopes.motion.H, some, d) * present[:, :, None, None]
+    by_R = np.zeros((len(present), m, d, m))
     for i in range(m):
-        by_R[:, i, len(slopes.of) :, i] = by_variance[:, i] * present[:, i, None]
+        by_R[:, i, :, i] = of_variance[:, i] * present[:, i, None]
     H, dH = _rows(filter.seen, slice(T)), _rows(by_H, slice(T))
     dR = _rows(by_R, slice(T))
     open_loop = np.eye(n) - K @ H
@@ -132,8 +154,8 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
     dK_straight = _left(K, _right(dH, P))
     own = _right(_left(K, dR), _t(K)) - dK_straight - _turned(dK_straight)
     first = (_right(_left(open_loop[:1], by_start), _t(open_loop[:1])) + own[:1])[0]
-    dP = np.empty((T, n, D, n))
-    dP_before = np.empty((T, n, D, n))
+    dP = np.empty((T, n, d, n))
+    dP_before = np.empty((T, n, d, n))
     dP[0], dP_before[0] = first, by_start[0]
     if T > 1:
         F, dF, dQ = (_rows(M, slice(T - 1)) for M in (Phi, by_Phi, by_Q))
@@ -141,22 +163,18 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
         forcing = pushed + _turned(pushed) + dQ
         inside = open_loop[1:]
         through, added = scan(combine_affine, (inside @ F, _right(_left(inside, forcing), _t(inside)) + own[1:]))
-        dP[1:] = _right(_left(through, np.broadcast_to(first, (T - 1, n, D, n))), _t(through)) + added
+        dP[1:] = _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), _t(through)) + added
         dP_before[1:] = _right(_left(F, dP[:-1]), _t(F)) + forcing
     crossed = _right(dH, filter.predicted @ _t(H))
     dS = crossed + _turned(crossed) + _right(_left(H, dP_before), _t(H)) + dR
-    flat = _right(_left(filter.root, dS), _t(filter.root)).transpose(2, 0, 1, 3).reshape(D, -1)
-    counts = np.bincount(filter.at, minlength=T).astype(float)[:, None, None]
-    information = 0.5 * (flat * np.broadcast_to(counts, (T, m, m)).reshape(-1)) @ flat.T
-    spread = np.add.reduceat(e[:, :, None] * e[:, None, :], np.arange(T))
-    gradient = 0.5 * flat @ (spread - counts * np.eye(m)).reshape(-1)
+    flat = _right(_left(filter.root, dS), _t(filter.root)).transpose(2, 0, 1, 3).reshape(d, -1)
     if n == 0:
-        return LikelihoodSlopes(gradient, information)
+        return flat, np.zeros((e.size, d))
     # K = P H^T R^-1, and the state through the gain that moves.
     dK = (_right(dP, _t(H)) + _right_turned(P, dH) - _left(K, dR)) / filter.variance
     predicted = np.zeros((len(e), n, 1))
     predicted[1:] = Phi @ x[:-1]
-    pushed_state = np.zeros((len(e), n, D))
+    pushed_state = np.zeros((len(e), n, d))
     pushed_state[1:] = _right(by_Phi, x[:-1])[..., 0]
     straight = _right(by_H, predicted)[..., 0]
     source = (
@@ -164,8 +182,7 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
     )
     moved = pushed_state
     moved[1:] += Phi @ _joined(_closed_loop(filter), source)[:-1]
-    columns = (_every(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, D)
-    return LikelihoodSlopes(gradient + columns.T @ e.reshape(-1), information + columns.T @ columns)
+    return flat, (_every(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, d)
 
 
 def _updated(P: np.ndarray, H: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -222,10 +239,12 @@ def _rows(stack: np.ndarray, part: slice) -> np.ndarray:
     return stack if len(stack) == 1 else stack[part]
 
 
-def _beside(stack: np.ndarray, more: int) -> np.ndarray:
-    """Derivatives ``(B, D, a, b)``, followed by ``more`` that are zero, as ``(B, a, D + more, b)``: see `ident.process_noise.associative_scan`."""
-    full = np.concatenate([stack, np.zeros((stack.shape[0], more, *stack.shape[2:]))], axis=1)
-    return np.ascontiguousarray(full.swapaxes(1, 2))
+def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
+    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see `ident.process_noise.associative_scan`."""
+    found = stack[:, some].swapaxes(1, 2)
+    out = np.zeros((*found.shape[:2], d, found.shape[3]))
+    out[:, :, : found.shape[2]] = found
+    return out
 
 
 def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:

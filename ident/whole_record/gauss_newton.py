@@ -121,6 +121,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         if fit is None:
             return None
     damping, outcome, done = 1e-4, Outcome.MAX_ITERATIONS, 0
+    bare, refused = without_sensitivities(problem), 0.0
     curved = bool(noise_model.names)
     floor = settings.least_damping if curved else _LEAST_DAMPING
     moves: list[tuple[np.ndarray, np.ndarray]] = []
@@ -130,8 +131,12 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
         done += 1
         least, most = noise_model.step_bounds(layout, fit.theta)
         trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        trial = evaluate(problem, trial_theta, carried(fit, trial_theta))
-        if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+        # A damping that was too small for the last steps is likely to be so again: the cost alone, which is cheaper, tells that.
+        trial = evaluate(bare if damping <= refused else problem, trial_theta, carried(fit, trial_theta))
+        most_cost = fit.cost + unresolved(float(fit.counts.sum()))
+        if damping <= refused and trial is not None and trial.cost <= most_cost:
+            trial, refused = evaluate(problem, trial_theta, carried(fit, trial_theta)), 0.0
+        if trial is not None and trial.cost <= most_cost:
             small = np.abs(trial.theta - fit.theta) < np.maximum(settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta))
             before, fit = fit, trial
             gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
@@ -145,6 +150,7 @@ def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = No
                 outcome = Outcome.CONVERGED
                 break
         else:
+            refused = damping
             damping *= 10.0
             if damping > 1e8:
                 # No descent is left: at the optimum if the undamped step says so too.
@@ -180,6 +186,12 @@ def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) 
         away = theta[layout.prior.positions] - layout.prior.mean
         cost += 0.5 * float(away @ layout.prior.information @ away)
     return Fit(problem, theta, tuple(guesses), tuple(lines), weighted, counts, cost)
+
+
+def without_sensitivities(problem: FitProblem) -> FitProblem:
+    """The same fit with nothing to differentiate by: the cost at given unknowns is as it was."""
+    bare = tuple(replace(each, free=(), starts=(), moving=(), increment=each.increment[:0]) for each in problem.layout.problems)
+    return replace(problem, layout=replace(problem.layout, problems=bare))
 
 
 def joined_up(fit: Fit) -> Fit:

@@ -38,8 +38,13 @@ def sample_outputs(problem: RecordProblem, p: Sequence[Any], X: list[Any], drive
     system, grid, upright, c = problem.system, problem.grid, _upright(p), len(X[0])
     sample = grid.sample
     if not system.sensor_stages:
-        at = X if len(sample) == len(grid.nodes) else [row[:, sample // grid.substeps] for row in X]
-        return stacked(system.h(grid.edges[sample], at, [row[..., sample] for row in drive.begin], upright), (c, len(sample)))
+        nodes, out = sample // grid.substeps, None
+        for at in _parts(c, len(sample)):
+            here = [row[:, at] if len(sample) == len(grid.nodes) else row[:, nodes[at]] for row in X]
+            y = system.h(grid.edges[sample[at]], here, [row[..., sample[at]] for row in drive.begin], upright)
+            out = _put(out, y, (c, len(sample)), at)
+        assert out is not None
+        return out
     edges = _all_edges(problem, p, X, drive, apart)
     last = [row[:, -1:] for row in X]
     begin_x = [np.concatenate([_in_a_row(rows), row], axis=1) for rows, row in zip(zip(*edges[:-1], strict=True), last, strict=True)]
@@ -70,14 +75,40 @@ def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(rows, axis=2).reshape(len(rows[0]), -1)
 
 
+def interval_ends(problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any], columns: int = 0) -> np.ndarray:
+    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of the drive ``(c, M)``.
+
+    ``columns`` : c, where a state that all columns begin at may be given as a row ``(1, K)``.
+    """
+    shape, out = (columns or len(x[0]), x[0].shape[1]), None
+    for at in _parts(*shape):
+        out = _put(out, _crossed(problem, [row[:, at] for row in x], drive, p, at)[-1], shape, at)
+    assert out is not None
+    return out
+
+
+def _parts(c: int, K: int) -> list[slice]:
+    """Columns ``(c, K)`` cut along the time, so that a part stays in a processor's cache."""
+    rows = max(1, -(-K // max(1, -(-c * K // _AT_ONCE))))
+    return [slice(k, min(k + rows, K)) for k in range(0, max(K, 1), rows)]
+
+
+def _put(out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice) -> np.ndarray:
+    """Rows of one part at its place in the whole, ``(len(rows), *shape)``, which the first part makes; a row may be the same for all columns."""
+    if out is None:
+        out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
+    for i, row in enumerate(rows):
+        out[i, :, at] = row
+    return out
+
+
 def cross_intervals(problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]) -> list[list[Any]]:
     """States before the first and after every sub-step of all node intervals, rows ``(c, K)``; rows of the drive ``(c, M)``."""
     c, K = x[0].shape
-    parts = -(-c * K // _AT_ONCE)
-    if parts <= 1:
+    parts = _parts(c, K)
+    if len(parts) == 1:
         return _crossed(problem, x, drive, p, slice(0, K))
-    rows = -(-K // parts)
-    done = [_crossed(problem, [row[:, k : k + rows] for row in x], drive, p, slice(k, k + rows)) for k in range(0, K, rows)]
+    done = [_crossed(problem, [row[:, at] for row in x], drive, p, at) for at in parts]
     shapes = [part[0][0].shape for part in done]
 
     def joined(rows: Sequence[Any]) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
+from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
 from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import Drive
@@ -49,8 +49,7 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
     driven = _drive(problem, p, by_parameter)
-    reached = cross_intervals(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))[-1]
-    ends = stacked(reached, X.shape[1:])
+    ends = interval_ends(problem, X, driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))
     base = ends[:, 0].real
     A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.estimate import LARGEST
 from ident.whole_record.first_guess import known_states
-from ident.whole_record.intervals import cross_intervals, stacked
+from ident.whole_record.intervals import interval_ends
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import RecordProblem, driven_by
 from sim.maths.elementary import COMPLEX_STEP
@@ -60,8 +60,7 @@ def _ends(problem: RecordProblem, X: np.ndarray, drive: Drive, p: Sequence[float
     """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a complex step of each: ``(f, 1 + f, K)``."""
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
-    reached = cross_intervals(problem, list(start), drive, [float(v) for v in p])[-1]
-    return stacked([reached[i] for i in free], start.shape[1:])
+    return interval_ends(problem, start, drive, [float(v) for v in p])[list(free)]
 
 
 def simulated_in_turn(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -40,16 +41,21 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
     """
     end = 0.5 if lasting else 1.0
 
-    def course(start: Any, duration: Any) -> Any:
-        return 0.5 * (1.0 - cos(2.0 * math.pi * clip((time - start) / duration, 0.0, end)))
+    def passed(start: Any, duration: Any) -> Any:
+        return clip((time - start) / duration, 0.0, end)
 
-    usual = once_for_alike(course, p.start, p.duration)
-    gust = p.peak * usual
-    for k, name in enumerate(SHAPES if fine else (), start=1):
+    def course(start: Any, duration: Any) -> Any:
+        return 0.5 * (1.0 - cos(2.0 * math.pi * passed(start, duration)))
+
+    def shape(k: int, start: Any, duration: Any) -> Any:
         # Less what it has in the middle of a gust that passes: the peak stays the speed there.
         middle = 0.0 if lasting else (0.0, 1.0, 0.0, -1.0)[k]
-        phase = clip((time - p.start) / p.duration, 0.0, end)
-        gust = gust + getattr(p, name) * (cos(math.pi * (k * phase / end - 0.5)) - middle * usual)
+        swing = cos(math.pi * (k * passed(start, duration) / end - 0.5))
+        return swing - middle * course(start, duration) if middle else swing
+
+    gust = p.peak * once_for_alike(course, p.start, p.duration)
+    for k, name in enumerate(SHAPES if fine else (), start=1):
+        gust = gust + getattr(p, name) * once_for_alike(partial(shape, k), p.start, p.duration)
     return gust
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,16 @@ SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by mor
 
 def untold(text: str, share: float) -> None:
     """A progress that nobody follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """A fit to the end, and what was asked for: the form of a claimed curve is asked for twice, when sets are compared and when sigmas are told."""
+
+    start: FittedModel | None
+    effects: tuple[Traceable, ...]
+    added: Mapping[str, float]
+    fitted: FittedModel | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +51,7 @@ class TraceProblem:
     witness: Witness = silent
     progress: Callable[[str, float], None] = untold
     general: Sequence[Traceable] = ()
+    _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
 
     @property
     def guards(self) -> frozenset[str]:
@@ -66,7 +77,19 @@ class TraceProblem:
         self, effects: Sequence[Traceable], start: FittedModel | None, added: Mapping[str, float] | None = None, *, rough: bool = False
     ) -> FittedModel | None:
         """Fit a set from another one's values; roughly while searching, to the end for what is kept. None where no cost is finite."""
-        settings = self.roughly if rough else FitSettings(max_step=self.settings.max_step, enough=SETTLED)
+        if rough:
+            return self._fit(effects, self.roughly, start, added)
+        asked = (start, tuple(effects), dict(added or {}))
+        for one in self._ended:
+            if one.start is start and (one.effects, one.added) == asked[1:]:
+                return one.fitted
+        settings = FitSettings(max_step=self.settings.max_step, enough=SETTLED)
+        self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
+        return self._ended[-1].fitted
+
+    def _fit(
+        self, effects: Sequence[Traceable], settings: FitSettings, start: FittedModel | None, added: Mapping[str, float] | None
+    ) -> FittedModel | None:
         return fit_set(self.data, effects, settings, start_from(start, added), event_cost=self.settings.event)
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:

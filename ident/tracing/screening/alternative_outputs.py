@@ -9,18 +9,46 @@ where they begin without influence. Exact for equations linear in the states, fi
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ident.whole_record.intervals import changed_rows, cross_intervals, sample_outputs, stacked
+from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem
 from sim.propagation.grid import Drive, drive_from_record
 
+_AT_ONCE = 60_000  # numbers of an output that are worked out together: more do not stay in a processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """The motion about which alternatives are looked at.
+
+    ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known, K + 1)`` as the equations have them
+    with the steps of this grid.
+    """
+
+    slopes: np.ndarray
+    states: np.ndarray
+
+
+def base_motion(problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive) -> BaseMotion:
+    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first ``known`` are not added; ``drive`` rows ``(M,)``."""
+    size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
+    steps = INCREMENT * np.where(size > 0, size, 1.0)
+    start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
+    start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
+    with np.errstate(all="ignore"):
+        ends = interval_ends(problem, start, drive, p.tolist())[:known]
+        A = (ends[:, 1:] - ends[:, :1]) / steps[:, None]
+        defects = ends[:, 0] - states[:known, 1:]
+        return BaseMotion(A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0])
+
 
 def alternative_outputs(
-    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int, base: BaseMotion | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs at the samples for alternative parameters.
 
@@ -30,53 +58,61 @@ def alternative_outputs(
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are zero in it.
     alternatives : ``(np, a)`` all parameters, a column an alternative.
     known : the first so many states are the base's own, the others are added.
+    base : its motion under these inputs, where that is known already.
 
     Returns
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
-    with np.errstate(all="ignore"):  # an alternative may run away; its signature is then not finite, and dropped
-        return _alternative_outputs(problem, p, states, alternatives, known)
-
-
-def _alternative_outputs(
-    problem: RecordProblem, p: np.ndarray, states: np.ndarray, alternatives: np.ndarray, known: int
-) -> tuple[np.ndarray, np.ndarray]:
-    n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
+    few = max(1, _AT_ONCE // states.shape[1])
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
-    few: list[Any] = p.tolist()
+    outputs = np.empty((len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample)))
+    with np.errstate(all="ignore"):  # an alternative may run away; its signature is then not finite, and dropped
+        for first in range(0, alternatives.shape[1], few):
+            some = slice(first, first + few)
+            y, outputs[:, some], base = _outputs_of_some(problem, p, states, alternatives[:, some], varied, known, base)
+    return y, outputs.swapaxes(1, 2)
+
+
+def _outputs_of_some(
+    problem: RecordProblem,
+    p: np.ndarray,
+    states: np.ndarray,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    known: int,
+    base: BaseMotion | None,
+) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
+    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of all; and the base's motion, for the others."""
+    n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
+    rows: list[Any] = p.tolist()
     for index in varied:
-        few[index] = np.concatenate([[p[index]], alternatives[index]])
-    X = np.array(np.broadcast_to(states[:, None], (n_x, 1 + a, K + 1)))
+        rows[index] = np.concatenate([[p[index]], alternatives[index]])
+    drive = _drive(problem, rows, varied)
+    base = base or base_motion(problem, p, states, known, changed_rows(drive, lambda row: row[0] if np.ndim(row) == 2 else row))
+    X = np.zeros((n_x, 1 + a, K + 1))
+    X[:known] = base.states[:, None]
     if n_x > known:
-        _drive_added(problem, alternatives, varied, X, known)
-    size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
-    steps = INCREMENT * np.where(size > 0, size, 1.0)
+        X[known:, 1:] = _added_states(problem, alternatives, varied, states, known)
     # Alternatives that differ only after the dynamics all move as the base does.
     after = all(problem.system.parameters.items[index].name in problem.system.output_parameters for index in varied)
     moving = 0 if after and n_x == known else a
-    rows: list[Any] = p.tolist()
-    for index in varied if moving else ():
-        rows[index] = np.concatenate([np.full(1 + known, p[index]), alternatives[index]])
-    start = np.concatenate([np.repeat(X[:, :1, :-1], 1 + known, axis=1), X[:, 1 : 1 + moving, :-1]], axis=1)
-    start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
-    drive = _drive(problem, few, varied)
-    reached = cross_intervals(problem, list(start), _repeated(drive, known), rows)[-1]
-    ends = stacked(reached[:known], start.shape[1:])
-    A = (ends[:, 1 : 1 + known] - ends[:, :1]) / steps[:, None]
-    B = ends[:, 1 + known :] - X[:known, 1 : 1 + moving, 1:]
-    joined = join_intervals(A, B, ends[:, 0] - X[:known, 0, 1:], (), np.zeros(known))
-    X[:known] += joined if moving else joined[:, :1]
-    full = sample_outputs(problem, few, list(X), drive, range(1 + moving))
-    return full[:, 0], np.ascontiguousarray(full[:, 1:].swapaxes(1, 2))
+    if moving:
+        start = [*(row[None, :-1] for row in states[:known]), *(row[1:, :-1] for row in X[known:])]
+        own = [value[1:] if np.ndim(value) else value for value in rows]
+        ends = interval_ends(problem, start, changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row), own, a)[:known]
+        ends -= states[:known, None, 1:]
+        X[:known, 1:] = states[:known, None] + join_intervals(base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(known))
+    full = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
+    return full[:, 0], full[:, 1:], base
 
 
-def _drive_added(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, X: np.ndarray, known: int) -> None:
-    """Trajectories of the added states under the base's motion, into ``X (nx, 1 + a, K + 1)``; alike alternatives share one."""
+def _added_states(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, states: np.ndarray, known: int) -> np.ndarray:
+    """Trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``; alike alternatives share one."""
     from scipy.linalg.lapack import dtbtrs
 
-    added = len(X) - known
-    acting = _acting(problem, alternatives, varied, X, known)
+    added, intervals = len(states) - known, states.shape[1] - 1
+    acting = _acting(problem, alternatives, varied, states, known)
     keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
     chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
     few = alternatives[:, chosen]
@@ -84,13 +120,13 @@ def _drive_added(problem: RecordProblem, alternatives: np.ndarray, varied: np.nd
     rows: list[Any] = few[:, 0].tolist()
     for index in varied:
         rows[index] = np.repeat(few[index], 1 + added)
-    intervals = X.shape[2] - 1
-    start = np.array(np.broadcast_to(X[:, :1, :-1], (len(X), width, intervals)))
+    moved = np.repeat(states[known:, None, :-1], width, axis=1)
     step = 1e-3
     for j in range(added):
-        start[known + j, 1 + j :: 1 + added] += step
-    reached = cross_intervals(problem, list(start), _drive(problem, rows, varied), rows)[-1]
-    ends = stacked(reached[known:], start.shape[1:]).reshape(added, count, 1 + added, intervals)
+        moved[j, 1 + j :: 1 + added] += step
+    start = [*(row[None, :-1] for row in states[:known]), *moved]
+    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows, width)[known:].reshape(added, count, 1 + added, intervals)
+    found = np.empty((added, alternatives.shape[1], intervals + 1))
     columns = np.arange(intervals) * added
     for k in range(count):
         base = ends[:, k, 0]
@@ -104,15 +140,14 @@ def _drive_added(problem: RecordProblem, alternatives: np.ndarray, varied: np.nd
         right[1:] = base.T
         solution, _ = dtbtrs(band, right.reshape(-1, 1), uplo="L", diag="U")
         trajectory = solution.reshape(intervals + 1, added).T
-        for column in np.flatnonzero(share.ravel() == k):
-            X[known:, 1 + column] = trajectory
+        found[:, share.ravel() == k] = trajectory[:, None]
+    return found
 
 
-def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, X: np.ndarray, known: int) -> list[int]:
+def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray, states: np.ndarray, known: int) -> list[int]:
     """Which of the varied parameters move the rates of the added states."""
     system = problem.system
-    middle = X.shape[2] // 2
-    x = X[:, 0, middle] + 1e-2
+    x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
     base = alternatives[:, 0].tolist()
     reference = system.f(0.0, x.tolist(), u, base)[known:]
@@ -125,12 +160,7 @@ def _acting(problem: RecordProblem, alternatives: np.ndarray, varied: np.ndarray
     return out
 
 
-def _repeated(drive: Drive, times: int) -> Drive:
-    """The base's column so many times more."""
-    return changed_rows(drive, lambda row: np.concatenate([np.repeat(row[:1], times, axis=0), row]) if np.ndim(row) == 2 else row)
-
-
-def _drive(problem: RecordProblem, rows: Sequence[Any], varied: np.ndarray) -> Drive:
+def _drive(problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray) -> Drive:
     """Inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
     system, record = problem.system, problem.record
     moved = any(system.parameters.items[index].name in system.input_parameters for index in varied)

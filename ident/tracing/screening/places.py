@@ -12,6 +12,8 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from sim.declaration.proposal import Probe
 
+_AT_ONCE = 200_000  # numbers of moved signatures that are whitened together: more do not stay in a processor's cache
+
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
@@ -34,6 +36,12 @@ class Weighed:
     gains: np.ndarray
     amplitudes: np.ndarray
     each: tuple[tuple[slice, np.ndarray], ...]
+
+    def at(self, place: int) -> Weighed:
+        """The same of one place alone, which no longer holds what the others need."""
+        k, here = self.amplitudes.shape[1], slice(place, place + 1)
+        flat = self.flat if len(self.places) == 1 else self.flat[place * k : (place + 1) * k].copy()
+        return Weighed(self.places[here], flat, self.gains[here], self.amplitudes[here], tuple((rows, a[here]) for rows, a in self.each))
 
 
 def whitened(fitted: FittedModel) -> Whitened:
@@ -97,16 +105,17 @@ def _placed(fitted: FittedModel, parts: Sequence[np.ndarray], white: Whitened, p
     A later onset only shifts a signature, by whole samples here: the fit that follows moves it by fractions.
     """
     k = parts[0].shape[2]
-    out = np.zeros((len(places) * k, len(white.e)))
+    out = np.empty((len(places) * k, len(white.e)))
     for r, (part, rows) in enumerate(zip(parts, white.rows, strict=True)):
         m, N = part.shape[:2]
-        turned = part.transpose(2, 0, 1)
-        moved = np.zeros((len(places), k, m, N))
-        for number, shift in enumerate(places):
-            if shift < N:
-                moved[number, :, :, shift:] = turned[:, :, : N - shift]
-        whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
-        out[:, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
+        turned, few = part.transpose(2, 0, 1), max(1, _AT_ONCE // part.size)
+        for first in range(0, len(places), few):
+            some = places[first : first + few]
+            moved = np.zeros((len(some), k, m, N))
+            for number, shift in enumerate(some):
+                moved[number, :, :, shift:] = turned[:, :, : max(N - shift, 0)]
+            whitened = fitted.fit.whiten(r, moved.reshape(-1, m, N).transpose(1, 2, 0))
+            out[first * k : (first + len(some)) * k, rows] = whitened.transpose(2, 0, 1).reshape(-1, m * N)
     return out
 
 
@@ -137,11 +146,9 @@ def share_explained(white: Whitened, flat: np.ndarray) -> tuple[float, np.ndarra
     return float(share[0]), amplitudes[0]
 
 
-def added_by(white: Whitened, weighed: Weighed, place: int) -> np.ndarray:
-    """What one place adds to the projected outputs, ``(D,)``."""
+def added_by(white: Whitened, weighed: Weighed) -> np.ndarray:
+    """What a signature that is weighed at one place adds to the projected outputs, ``(D,)``."""
     out = np.zeros(len(white.e))
-    k = weighed.amplitudes.shape[1]
-    columns = weighed.flat[place * k : (place + 1) * k]
     for rows, amplitudes in weighed.each:
-        out[rows] += amplitudes[place] @ columns[:, rows]
+        out[rows] += amplitudes[0] @ weighed.flat[:, rows]
     return out - white.Q @ (white.Q.T @ out)

@@ -17,11 +17,13 @@ from ident.alongside import Alongside
 from ident.estimate import counted_numerics
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
-from ident.tracing.screening.alternative_outputs import alternative_outputs
+from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
 from ident.tracing.screening.places import Whitened, added_by, closer_places, places_of, weigh, whitened
-from ident.whole_record.record_problem import record_problem
-from sim.declaration.effect import full_name
+from ident.whole_record.layout import FitLayout
+from ident.whole_record.record_problem import RecordProblem, record_problem
+from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
+from sim.declaration.system import System
 from sim.errors import ModelError
 
 
@@ -46,11 +48,11 @@ def screen(fitted: FittedModel, candidates: Sequence[Traceable], context: Search
 
     An effect whose signature is nothing, or points the unphysical way, is left out.
     """
-    white = whitened(fitted)
+    white, motions = whitened(fitted), _motions(fitted)
     effects = [fitted_to(candidate, context) for candidate in candidates if candidate.name not in fitted.names]
 
     def found(places: Sequence[int]) -> dict[int, Finding]:
-        findings = ((place, _find(fitted, white, effects[place], context, most)) for place in places)
+        findings = ((place, _find(fitted, white, motions, effects[place], context, most)) for place in places)
         return {place: finding for place, finding in findings if finding is not None}
 
     places = range(len(effects))
@@ -85,12 +87,29 @@ def collinear(a: Finding, b: Finding) -> float:
     return float(abs(a.contribution @ b.contribution) / size) if size > 0 else 0.0
 
 
-def _find(fitted: FittedModel, white: Whitened, effect: Traceable, context: SearchContext, most: int) -> Finding | None:
+def _motions(fitted: FittedModel) -> list[BaseMotion]:
+    """What all candidates begin at, by record."""
+    motions, layout = [], fitted.fit.layout
+    for r, old in enumerate(layout.problems):
+        problem, (p, _) = _coarse(old, layout, fitted.system), layout.split(fitted.fit.theta, r)
+        assert problem.drive is not None
+        motions.append(base_motion(problem, p, fitted.fit.lines[r].states, len(fitted.system.states), problem.drive))
+    return motions
+
+
+def _coarse(old: RecordProblem, layout: FitLayout, system: System) -> RecordProblem:
+    """A record of the fit laid out for a system with the steps of a screening."""
+    return record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
+
+
+def _find(
+    fitted: FittedModel, white: Whitened, motions: Sequence[BaseMotion], effect: Traceable, context: SearchContext, most: int
+) -> Finding | None:
     probes = tuple(effect.probes(context))
     if not probes:
         return None
     try:
-        signatures = _signatures(fitted, effect, probes)
+        signatures = _signatures(fitted, motions, effect, probes)
     except ModelError:
         return None
     apart, onset = belongs_to_record(effect) and len(white.rows) > 1, effect.traits.onset
@@ -107,21 +126,22 @@ def _find(fitted: FittedModel, white: Whitened, effect: Traceable, context: Sear
                     values[onset] = values[onset] + weighed.places[place] * context.interval
                 start = _start(effect, Probe(values, probe.slopes), weighed.amplitudes[place])
                 if start is not None and weighed.gains[place] > 0:
-                    results.append((float(weighed.gains[place]), start, added_by(white, weighed, int(place))))
+                    results.append((float(weighed.gains[place]), start, weighed.at(int(place))))
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
     distinct: list[tuple[float, Mapping[str, float], np.ndarray]] = []
-    for result in results:
-        if all(_differs(result[2], other[2]) for other in distinct):
-            distinct.append(result)
+    for gain, start, here in results:
+        added = added_by(white, here)
+        if all(_differs(added, other[2]) for other in distinct):
+            distinct.append((gain, start, added))
         if len(distinct) == most:
             break
     count = sum(1 for item in effect.parameters if item.free) * (len(white.rows) if apart else 1)
     return Finding(effect, distinct[0][0], count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
 
 
-def _signatures(fitted: FittedModel, effect: Traceable, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
+def _signatures(fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]) -> list[list[np.ndarray]]:
     """For each probe the columns ``(m, N, k)`` of every record."""
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
@@ -130,18 +150,20 @@ def _signatures(fitted: FittedModel, effect: Traceable, probes: Sequence[Probe])
     blocks: list[list[np.ndarray]] = [[] for _ in probes]
     for r, old in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
-        known = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
-        base = np.array([known.get(item.name, item.value) for item in system.parameters])
+        given = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
+        base = np.array([given.get(item.name, item.value) for item in system.parameters])
         for local, value in effect.absent.items():
             base[system.parameters.index(full_name(effect, local))] = value
         alternatives = np.repeat(base[:, None], len(columns), axis=1)
         for column, values in enumerate(columns):
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
-        problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
+        problem = _coarse(old, layout, system)
         states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
-        y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states))
+        # Where the fitted model's own input path meets another effect there, the input of the base is worked out with it.
+        motion = None if layout.system.input_stages and effect.station is Station.INPUT_PATH else motions[r]
+        y, changed = alternative_outputs(problem, base, trajectory, alternatives, len(layout.system.states), motion)
         with counted_numerics():  # a simulation that ran away has no signature: `weigh` leaves it out
             for number, (first, count, reference, step) in enumerate(where):
                 zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]

@@ -17,7 +17,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.screening.places import Whitened, share_explained, whitened
 from ident.tracing.screening.score_test import Finding, screen
-from ident.whole_record.intervals import cross_intervals, sample_outputs, stacked
+from ident.whole_record.intervals import interval_ends, sample_outputs
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by, record_problem
 from sim.declaration.effect import ParameterEffect, full_name
@@ -111,7 +111,7 @@ def _interval_slopes(
     """Slopes of the states after each interval by those before, ``(nx, nx, K)``, and by the parameters ``(nx, c, K)``."""
     n_x = len(states)
     X = _spread(states[:, :-1], by_state, 1 + n_x + len(steps))
-    ends = stacked(cross_intervals(problem, list(X), drive, rows)[-1], X.shape[1:])
+    ends = interval_ends(problem, X, drive, rows)
     change = ends[:, 1:] - ends[:, :1]
     return change[:, :n_x] / by_state[:, None], change[:, n_x:] / steps[:, None]
 

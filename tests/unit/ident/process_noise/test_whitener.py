@@ -142,7 +142,7 @@ def test_without_forcing_residuals_are_only_divided_by_their_sigma() -> None:
 @pytest.mark.parametrize("step", [0.004, 0.05, 1.3])
 def test_transition_and_noise_of_a_step(step: float) -> None:
     A, Q = matrices(DENSITY).A[:2, :2], matrices(DENSITY).Q[:2, :2]
-    Phi, noise = discretised(A, np.diag(Q), np.array(step))
+    Phi, noise = (M[0] for M in discretised(A[None], np.diag(Q), np.array([step])))
     assert Phi == pytest.approx(exponential(A * step), rel=1e-12, abs=1e-15)
     assert noise == pytest.approx(noise_integral(A, Q, step, None), rel=1e-10, abs=1e-18)
 
