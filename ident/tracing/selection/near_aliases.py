@@ -16,9 +16,9 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import gain
-from ident.tracing.selection.expansion import best_fit
+from ident.tracing.selection.expansion import best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger, fit
-from sim.declaration.effect import NoiseEffect
+from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Refinable, Traceable
 
 
@@ -80,6 +80,7 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
         if not twin and (ledger.exhausted or (finding.gain < least * brought and not alias)):
             continue
         ledger, child = best_fit(ledger, base, finding, 1)
+        ledger, child = _at_its_place(ledger, base, finding.effect, best, effect, child)
         ledger, child = _freely(ledger, child, best, finding.effect)
         if child is None:
             continue
@@ -94,6 +95,22 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
     return ledger, found
 
 
+def _at_its_place(
+    ledger: Ledger, base: FittedModel, other: Traceable, best: FittedModel, effect: Traceable, child: FittedModel | None
+) -> tuple[Ledger, FittedModel | None]:
+    """An event in the place of another: the better of ``child`` and a fit that begins near its absence, where and as long as that stands."""
+    if not (is_event(effect) and is_event(other)):
+        return ledger, child
+    found = {**best.values.own[0], **best.values.shared}
+    start = near_absence(other, {full_name(other, item.name): item.value for item in other.parameters if item.free})
+    for here, there in ((other.traits.onset, effect.traits.onset), (other.traits.lasts, effect.traits.lasts)):
+        if full_name(other, here) in start and full_name(effect, there) in found:
+            start[full_name(other, here)] = found[full_name(effect, there)]
+    ledger, again = fit(ledger, (*base.effects, other), base, start, rough=True)
+    both = [fitted for fitted in (child, again) if fitted is not None]
+    return ledger, min(both, key=lambda fitted: fitted.fit.cost, default=None)
+
+
 def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
@@ -101,12 +118,17 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     if is_event(effect):
         # The place of an event was searched for: whatever acts all along and does as well is likelier.
         names |= {c.name for c in ledger.problem.candidates if not (is_event(c) or belongs_to_record(c))}
+    # What any record may have has no part in it: a set may have been left by it since.
+    known_motion = {c.name for c in ledger.problem.candidates if c.traits.background}
     for seen in ledger.evidence:
-        if seen.name == effect.name and set(seen.within) <= rest:
+        if seen.name == effect.name and set(seen.within) - known_motion <= rest:
             names |= set(seen.collinear_with)
-        elif effect.name in seen.collinear_with and set(seen.within) <= rest:
+        elif effect.name in seen.collinear_with and set(seen.within) - known_motion <= rest:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in ledger.models}
+    if is_event(effect):
+        # Of another event the search may have met a place that is none: it is put where this one stands.
+        names |= {c.name for c in ledger.problem.candidates if is_event(c)}
     candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)} | {*effect.traits.equivalents}
     if effect.traits.general:
         candidates |= {c.name for c in ledger.problem.general}
