@@ -73,7 +73,8 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     if held.choosing:
         ledger, best, out = _in_freer_form(ledger, best, out, held)
     compared: Compared = {frozenset(best.names): (best, out)}
-    ledger, alike = near_aliases(ledger, best, settings.near)
+    # A name rests on what was put in its place, however much the search before it took.
+    ledger, alike = near_aliases(ledger.renewed(thresholds.LEFT_FOR_ALIASES), best, settings.near)
     wide = held.choosing and doubted(out)
     near = _near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR)
     ledger, compared = _with(ledger, compared, [*near, *alike], held)

@@ -92,6 +92,10 @@ class TraceProblem:
     ) -> FittedModel | None:
         return fit_set(self.data, effects, settings, start_from(start, added), event_cost=self.settings.event)
 
+    def at_values(self, effects: Sequence[Traceable], fitted: FittedModel) -> FittedModel | None:
+        """A set of effects at the values that another fitted model has, not fitted; None where its cost is not finite."""
+        return fit_set(self.data, effects, replace(self.roughly, iterations=0), start_from(fitted), event_cost=self.settings.event)
+
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
         """The same question with other samples set aside: another problem, to which no earlier fit belongs."""
         return replace(self, masks=tuple(masks))

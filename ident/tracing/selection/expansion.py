@@ -97,11 +97,14 @@ def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int)
     if elsewhere is not None:
         # Slopes point the wrong way across a limit: where another set has it is a start as good.
         ledger, best = _lowest(ledger, fitted, finding.effect, [elsewhere], best)
-    if best is None or best.fit.cost > fitted.fit.cost:
-        # The projection, which knows slopes only, led astray: from near absence no fit can fail.
-        ledger, again = fit(ledger, (*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0]), rough=True)
-        best = again if again is not None and again.fit.cost <= fitted.fit.cost else None
-    return ledger, best
+    if best is not None and best.fit.cost <= fitted.fit.cost:
+        return ledger, best
+    # The projection, which knows slopes only, led astray: a part of its step is shorter than where they hold, and from near absence no fit can fail.
+    for share in thresholds.SHORTER_STEPS:
+        ledger, again = fit(ledger, (*fitted.effects, finding.effect), fitted, near_absence(finding.effect, finding.starts[0], share), rough=True)
+        if again is not None and again.fit.cost <= fitted.fit.cost:
+            return ledger, again
+    return ledger, None
 
 
 def _lowest(
@@ -124,10 +127,10 @@ def _where_it_was_found(ledger: Ledger, fitted: FittedModel, finding: Finding) -
     return start if len(start) == len(free_names(finding.effect)) else None
 
 
-def near_absence(effect: Traceable, start: Mapping[str, float]) -> dict[str, float]:
-    """A start with a hundredth of its distance from the effect's absence."""
+def near_absence(effect: Traceable, start: Mapping[str, float], share: float = thresholds.NEAR_ABSENCE) -> dict[str, float]:
+    """A start with a share of its distance from the effect's absence, a hundredth unless told."""
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
-    near = {name: absent.get(name, value) + (0.01 * (value - absent[name]) if name in absent else 0.0) for name, value in start.items()}
+    near = {name: absent.get(name, value) + (share * (value - absent[name]) if name in absent else 0.0) for name, value in start.items()}
     return {name: value if np.isfinite(value) else start[name] for name, value in near.items()}
 
 

@@ -6,6 +6,8 @@ them has to be put to the data that were not fitted.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ident.process_noise.innovations_model import has_process_noise
@@ -13,7 +15,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import screen
+from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.expansion import best_fit
@@ -72,14 +74,19 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
     found: list[FittedModel] = []
     brought = base.fit.cost - best.fit.cost
     candidates = [candidate for candidate in (*ledger.problem.candidates, *ledger.problem.general) if candidate.name in names]
+    there = _where_the_rest_stands(ledger, best, effect, candidates)
     for finding in screen(base, candidates, search_context(base, ledger.problem.predicted)):
         # What no record tells apart is shown whatever the search has spent; it, and what is known to look alike, whatever a base fit that
         # bent far says of it.
         twin, alias = finding.effect.name in effect.traits.equivalents, finding.effect.name in effect.aliases
         least = thresholds.HOPELESS_IN_SEARCH if is_event(effect) else thresholds.LOOKS_ALIKE
-        if not twin and (ledger.exhausted or (finding.gain < least * brought and not alias)):
+        seen = there.get(finding.effect)
+        promising = alias or max(finding.gain, seen.gain if seen is not None else 0.0) >= least * brought
+        if not twin and (ledger.exhausted or not promising):
             continue
         ledger, child = best_fit(ledger, base, finding, 1)
+        if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within:
+            ledger, child = _from_there(ledger, best, effect, seen, child)
         ledger, child = _freely(ledger, child, best, finding.effect)
         if child is None:
             continue
@@ -94,6 +101,25 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
     return ledger, found
 
 
+def _where_the_rest_stands(ledger: Ledger, best: FittedModel, effect: Traceable, candidates: Sequence[Traceable]) -> dict[Traceable, Finding]:
+    """Candidates for the place of an effect, screened with all else as it is in ``best``: a fit without the effect bends to what that did."""
+    if has_process_noise(best.system):
+        return {}
+    held = ledger.problem.at_values(tuple(other for other in best.effects if other is not effect), best)
+    return {} if held is None else {finding.effect: finding for finding in screen(held, candidates, search_context(held, ledger.problem.predicted))}
+
+
+def _from_there(
+    ledger: Ledger, best: FittedModel, effect: Traceable, finding: Finding | None, child: FittedModel | None
+) -> tuple[Ledger, FittedModel | None]:
+    """The better of ``child`` and a fit from the values of ``best`` with a finding in the place of its effect."""
+    if finding is None:
+        return ledger, child
+    rest = tuple(other for other in best.effects if other is not effect)
+    ledger, again = fit(ledger, (*rest, finding.effect), best, finding.starts[0], rough=True)
+    return ledger, min((fitted for fitted in (child, again) if fitted is not None), key=lambda fitted: fitted.fit.cost, default=None)
+
+
 def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     """Names of candidates that look like one effect of a set, those that the search has fitted in its place already left out."""
     rest = {other.name for other in best.effects} - {effect.name}
@@ -101,12 +127,17 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     if is_event(effect):
         # The place of an event was searched for: whatever acts all along and does as well is likelier.
         names |= {c.name for c in ledger.problem.candidates if not (is_event(c) or belongs_to_record(c))}
+    # What any record may have has no part in it: a set may have been left by it since.
+    known_motion = {c.name for c in ledger.problem.candidates if c.traits.background}
     for seen in ledger.evidence:
-        if seen.name == effect.name and set(seen.within) <= rest:
+        if seen.name == effect.name and set(seen.within) - known_motion <= rest:
             names |= set(seen.collinear_with)
-        elif effect.name in seen.collinear_with and set(seen.within) <= rest:
+        elif effect.name in seen.collinear_with and set(seen.within) - known_motion <= rest:
             names.add(seen.name)
     known = {name for name in names if frozenset({*rest, name}) in ledger.models}
+    if is_event(effect):
+        # Of another event the search may have met a place that is none: it is put where this one stands.
+        names |= {c.name for c in ledger.problem.candidates if is_event(c)}
     candidates = {c.name for c in ledger.problem.candidates if not (isinstance(c, NoiseEffect) or c.traits.guard)} | {*effect.traits.equivalents}
     if effect.traits.general:
         candidates |= {c.name for c in ledger.problem.general}
