@@ -34,7 +34,7 @@ SHORTEST = 20  # samples
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
-def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True) -> Compatibility:
+def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True, six: bool | None = None) -> Compatibility:
     """Flight-path reconstruction from records of one set of sensors.
 
     Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
@@ -45,22 +45,23 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
     ----------
     records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants, limits.
     each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
+    six : whether the relations of six degrees of freedom are used; None takes them where one closes that longitudinal motion does not have.
 
     Raises
     ------
     RecordError : a record with fewer than 20 samples, or numbers beyond all measure.
     """
     try:
-        return _compatibility(records, settings, each=each)
+        return _compatibility(records, settings, each=each, six=six)
     finally:
         weigher.cache_clear()  # it holds the records of this check
         shortened.cache_clear()
 
 
-def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
+def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None) -> Compatibility:
     for record in records:
         _refuse(record)
-    if has_six_degrees(records, settings):
+    if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_longitudinal(record) for record in records]
     channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
