@@ -11,13 +11,14 @@ from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of, shortened, weigher
+from ident.compatibility.level_wings import LEVEL, misled_by_bank
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.check import has_six_degrees
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
@@ -61,6 +62,8 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
 def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None) -> Compatibility:
     for record in records:
         _refuse(record)
+    if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
+        return _nothing_told(records, misled)
     if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_longitudinal(record) for record in records]
@@ -71,6 +74,7 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
         usable = tuple(name for name in channels if name not in ("alpha", "nz"))
         notes.append("neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used")
     joined = relations(usable)
+    notes += [LEVEL] if joined else []
     if not joined:
         empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
         return Compatibility(
@@ -99,6 +103,13 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
         notes.append(counted)
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
     return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
+
+
+def _nothing_told(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
+    """A check that closes no relation."""
+    empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
+    single = tuple(replace(empty, records=(record.name,)) for record in records)
+    return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
 def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:

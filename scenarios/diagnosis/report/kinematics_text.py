@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ident.compatibility.faults import ARMS
+from ident.compatibility.level_wings import LEVEL
 from ident.compatibility.result import SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, _finite, agreements, unnamed
@@ -25,7 +26,8 @@ def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: W
         for finding in unnamed(kinematics, claims)
     ]
     lines = lines or ["kinematics alone find no fault of a sensor, and the diagnosis names none"]
-    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes)]
+    # The declared equations say as much themselves.
+    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL)]
 
 
 def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
