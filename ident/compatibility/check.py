@@ -11,13 +11,14 @@ from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of, shortened, weigher
+from ident.compatibility.level_wings import LEVEL, misled_by_bank
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
 from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
+from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
-from ident.compatibility.six_degrees.check import has_six_degrees
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record
@@ -34,7 +35,7 @@ SHORTEST = 20  # samples
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
-def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True) -> Compatibility:
+def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool = True, six: bool | None = None) -> Compatibility:
     """Flight-path reconstruction from records of one set of sensors.
 
     Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what does not fit is laid to biases of each
@@ -45,22 +46,25 @@ def compatibility(records: Sequence[Record], settings: CompatibilitySettings, *,
     ----------
     records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all records have are used. settings : constants, limits.
     each : whether several records are also checked each by itself, which costs as much again; ``single`` is empty where not.
+    six : whether the relations of six degrees of freedom are used; None takes them where one closes that longitudinal motion does not have.
 
     Raises
     ------
     RecordError : a record with fewer than 20 samples, or numbers beyond all measure.
     """
     try:
-        return _compatibility(records, settings, each=each)
+        return _compatibility(records, settings, each=each, six=six)
     finally:
         weigher.cache_clear()  # it holds the records of this check
         shortened.cache_clear()
 
 
-def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> Compatibility:
+def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool | None) -> Compatibility:
     for record in records:
         _refuse(record)
-    if has_six_degrees(records, settings):
+    if misled := misled_by_bank(records, settings.airspeed, settings.gravity):
+        return _nothing_told(records, misled)
+    if has_six_degrees(records, settings) if six is None else six:
         return six_degrees(records, settings, each=each)
     records = [_longitudinal(record) for record in records]
     channels = tuple(name for name in measured_channels(records[0]) if all(name in measured_channels(record) for record in records[1:]))
@@ -70,6 +74,7 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
         usable = tuple(name for name in channels if name not in ("alpha", "nz"))
         notes.append("neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used")
     joined = relations(usable)
+    notes += [LEVEL] if joined else []
     if not joined:
         empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
         return Compatibility(
@@ -98,6 +103,13 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
         notes.append(counted)
     told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
     return Compatibility(channels, joined, joint, tuple(single), _reconstructions(whole, found.found), told, tuple(notes))
+
+
+def _nothing_told(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
+    """A check that closes no relation."""
+    empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
+    single = tuple(replace(empty, records=(record.name,)) for record in records)
+    return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
 def _result(found: Searched, biases: tuple[SensorEstimate, ...]) -> CheckResult:

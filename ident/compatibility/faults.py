@@ -71,8 +71,8 @@ class SensorFault:
 
     @property
     def rare(self) -> bool:
-        """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q, one behind an arm of the vane."""
-        return self.kind == ARM and self.channel in ("nz", "az")
+        """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q or r, one behind an arm of the vane."""
+        return self.kind == ARM and self.channel in ("nz", "az", "ny", "ay")
 
     @property
     def offset(self) -> float:

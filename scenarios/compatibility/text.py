@@ -72,16 +72,19 @@ def finding_lines(check: Check) -> list[str]:
 
 def sentence(finding: SensorFinding) -> str:
     """One finding with its alternatives."""
+    other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
+    return f"{finding.name}, {what_it_is(finding)} (gain {finding.gain:.1f}{other})"
+
+
+def what_it_is(finding: SensorFinding) -> str:
+    """What is wrong with the sensor, and by how much."""
     value = f"{number(finding.value, finding.std)} +- {number(finding.std, finding.std)}"
     if finding.kind in PLACES:
-        what = f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
-    elif finding.channel == "wind":
-        what = f"the air rises by {value} {finding.unit}"
-    else:
-        unit = f" {finding.unit}" if finding.kind in ("drift", "bias") else ""
-        what = WORDS[finding.kind].format(finding.channel, value + unit)
-    other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
-    return f"{finding.name}, {what} (gain {finding.gain:.1f}{other})"
+        return f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
+    if finding.channel == "wind":
+        return f"the air rises by {value} {finding.unit}"
+    unit = f" {finding.unit}" if finding.kind in ("drift", "bias") else ""
+    return WORDS[finding.kind].format(finding.channel, value + unit)
 
 
 def _sensor(channel: str) -> str:

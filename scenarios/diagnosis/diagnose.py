@@ -9,7 +9,7 @@ from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
-from scenarios.diagnosis.kinematics import kinematics_of_files
+from scenarios.diagnosis.kinematic_records import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.laid_down import at_bounds, said_of
 from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects, posed_for, vehicle_path_of
 from scenarios.diagnosis.overflows import Overflows, Trace
@@ -22,8 +22,6 @@ from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
 from sim.record import Hold
-
-KINEMATIC = ("rigid", "flexible")  # models of records that are checked without aerodynamics beside the diagnosis
 
 
 def diagnose_files(request: Request, progress: Callable[[str, float], None] = lambda stage, share: None, trace: Trace | None = None) -> Tracing:
@@ -106,7 +104,7 @@ def _witness(opened: Opened, posed: Posed, plan: Plan) -> KinematicWitness:
     Its word counts where causes are ranked, and what is held out takes no part in that.
     """
     own = opened.vehicle.own
-    if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in KINEMATIC):
+    if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):
         return KinematicWitness(None)
     parts = [(file, segment) for file in opened.records for segment in plan.segments]
     if len(posed.records) == 1:

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-import numpy as np
-
-from ident.compatibility.result import Compatibility, CompatibilitySettings, SensorEstimate, SensorFinding
+from ident.compatibility.result import Compatibility, SensorEstimate, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.terminal.quantities import with_sigma
-from sim.errors import FlightidError
-from sim.record import Record
 
-if TYPE_CHECKING:
-    from scenarios.files.channels import ColumnChoice
-    from scenarios.files.measured.record_file import RecordFile
-    from scenarios.files.vehicles import VehicleFile
-    from scenarios.preparation.plan import Plan, Segment
-
-NEEDED = ("alpha", "q", "nz")
-ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
-MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
+BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
 AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = "agrees", "agrees in kind", "differs in size", "contradicts", "says nothing"
 _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
@@ -48,91 +35,6 @@ class Agreement:
     says: str
     found: Quantity | None
     sentence: str
-
-
-def kinematics_of_files(
-    parts: Sequence[tuple[RecordFile, Segment]], vehicle: VehicleFile, choices: Mapping[str, ColumnChoice] | None = None, plan: Plan | None = None
-) -> Kinematics:
-    """What ``flightid check`` says of all parts of files that measure alpha, q and nz, of about ``ENOUGH`` samples; never raised, but told.
-
-    Every channel that the kinematics know is used as it is recorded: theta, ax, airspeed or dynamic pressure too. ``choices``: a channel
-    map. ``plan``: how they are prepared; its segments are not asked.
-    """
-    from scenarios.compatibility.check import record_to_check, settings_of
-    from scenarios.preparation.plan import Plan
-
-    plan = plan or Plan()
-    try:
-        records = (record_to_check(file, segment, plan, choices, vehicle)[0] for file, segment in parts)
-        return kinematics_of(records, settings_of(vehicle))
-    except FlightidError as error:
-        return Kinematics((), None, _could_not(error))
-
-
-def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings) -> Kinematics:
-    """Check all records that measure alpha, q and nz, each at its own airspeed; of many samples the liveliest stretch of each, about ``ENOUGH``
-    together.
-
-    Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond ``MOST``. A check that fails is told,
-    never raised.
-    """
-    from ident.compatibility.check import compatibility
-    from ident.compatibility.signals import measured_channels
-
-    records = [_longitudinal(record) for record in records]
-    chosen = [record for record in records if set(NEEDED) <= set(measured_channels(record))]
-    chosen = shortened(spread(chosen, MOST), ENOUGH)
-    names = tuple(record.name for record in chosen)
-    if not chosen:
-        return Kinematics((), None, f"no record measures {', '.join(NEEDED)} together: their kinematics cannot be checked")
-    try:
-        return Kinematics(names, compatibility(chosen, settings, each=False))
-    except (FlightidError, ArithmeticError, ValueError) as error:
-        # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
-        return Kinematics(names, None, _could_not(error))
-
-
-def _longitudinal(record: Record) -> Record:
-    """The record's channels of longitudinal motion: the equations that are fitted know no other."""
-    from ident.compatibility.signals import CHANNELS
-
-    outputs = tuple(channel for channel in record.outputs if channel.name in CHANNELS)
-    return record if len(outputs) == len(record.outputs) else replace(record, outputs=outputs)
-
-
-def spread(records: Sequence[Record], most: int) -> list[Record]:
-    """No more than ``most`` records, in their order: those whose mean airspeeds are spread widest, where it is recorded; else the first."""
-    if len(records) <= most:
-        return list(records)
-    speeds = [np.nanmean(record["airspeed"].values) if "airspeed" in record.output_names else 0.0 for record in records]
-    ranked = np.argsort(speeds, kind="stable") if np.ptp(speeds) > 0 else np.arange(most)
-    kept = set(ranked[np.round(np.linspace(0, len(ranked) - 1, most)).astype(int)].tolist())
-    return [record for i, record in enumerate(records) if i in kept]
-
-
-def shortened(records: Sequence[Record], enough: int) -> list[Record]:
-    """The records, of about ``enough`` samples together: of those longer than their share the stretch in which q moves most."""
-    if sum(len(record) for record in records) <= enough:
-        return list(records)
-    left, share = enough, {}
-    # What short records do not use goes to the longer ones.
-    for place, i in enumerate(sorted(range(len(records)), key=lambda i: len(records[i]))):
-        share[i] = min(len(records[i]), left // (len(records) - place))
-        left -= share[i]
-    return [_liveliest(record, share[i]) for i, record in enumerate(records)]
-
-
-def _liveliest(record: Record, count: int) -> Record:
-    if count >= len(record):
-        return record
-    q = np.where(record["q"].valid, record["q"].values, 0.0)
-    power = np.concatenate([[0.0], np.cumsum((q - np.median(q)) ** 2)])
-    first = int(np.argmax(power[count:] - power[:-count]))
-    return record.window(float(record.time[first]), float(record.time[first + count - 1]))
-
-
-def _could_not(error: Exception) -> str:
-    return f"the kinematics could not be checked: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
 
 
 def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreement]:
@@ -160,7 +62,7 @@ def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFindi
 def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     mine = next(iter(claim.parameters.values()))
     members = {claim.name, *claim.alternatives}
-    standing = [finding for finding in result.findings if finding.stands]
+    standing = [finding for finding in result.findings if finding.stands and finding.kind != BIAS]
     named = sorted((f for f in standing if f.name in members), key=lambda f: (f.name != claim.name, not _comparable(f, claim.name)))
     if named and _comparable(named[0], claim.name):
         return _compared(claim, mine, named[0])
@@ -246,7 +148,7 @@ def _apart(a: Quantity, b: Quantity) -> float:
 def _is_sensor(name: str) -> bool:
     """Whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
-    return name in ("vane-offset", "accelerometer-offset:nz") or base in {f"sensor-{kind}" for kind in PARAMETERS}
+    return base in ("vane-offset", "accelerometer-offset") or base in {f"sensor-{kind}" for kind in PARAMETERS}
 
 
 def _finite(*values: float) -> bool:

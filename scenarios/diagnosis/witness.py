@@ -19,8 +19,11 @@ EXACT_TWINS: Mapping[str, tuple[str, frozenset[str]]] = {
     "sensor-scale:alpha": ("time-base", frozenset({"theta"})),  # a slow clock divides alpha_dot, and with it theta_dot
     "sensor-scale:q": ("time-base", frozenset({"theta", "airspeed"})),  # as a scale of q and nz, and nz has that of an airspeed that is wrong
     "sensor-scale:nz": ("sensor-coupling:q", frozenset({"theta"})),  # a gyro that feels k nz: as (g/V + k) nz
-    "vane-offset": ("accelerometer-offset:nz", frozenset()),  # (g/V) (arm/g) q_dot, integrated: (arm/V) q
+    "vane-offset": ("accelerometer-offset:nz", frozenset()),  # (g/V) (arm/g) q_dot, integrated: (arm/V) q; of sideslip that of ny
     "accelerometer-offset:nz": ("vane-offset", frozenset()),
+    "accelerometer-offset:ny": ("vane-offset", frozenset()),
+    "sensor-scale:p": ("time-base", frozenset({"beta"})),  # phi alone turns with p
+    "sensor-scale:phi": ("time-base", frozenset({"beta"})),
 }
 
 

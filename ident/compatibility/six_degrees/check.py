@@ -10,6 +10,7 @@ import numpy as np
 from ident.compatibility.faults import PACKAGE, SensorFault
 from ident.compatibility.fitting import Fit
 from ident.compatibility.instruments import instruments_of
+from ident.compatibility.level_wings import LEVEL
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import untold
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate, SensorFinding
@@ -53,7 +54,7 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     if not known_speed:
         notes.append("neither a recorded nor a given airspeed: the relations of alpha and beta cannot be used")
     if "phi" not in channels:
-        notes.append("no bank angle is recorded: the wings are taken as level")
+        notes.append(LEVEL)
     together = len(signals) > 1
     base = fit(signals)
     faults = faults_of(signals[0])

@@ -61,6 +61,8 @@ def _context(found: Searched, j: int, stood: dict[int, tuple[int, float]]) -> tu
         return [*(k for k in found.standing if k != stood[j][0] and k != j), j], stood[j][1]
     if in_place:
         i, (_, members) = in_place[0]
+        if (i, j) in found.lateness:
+            return members, max(found.lateness[i, j], 0.0) / found.widening
         pair = fitted(found.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False)
         return members, float(pair.gain[0] - pair.gain[1]) / found.widening
     return [*found.standing, j], None

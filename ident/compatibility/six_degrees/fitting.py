@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.compatibility.faults import SensorFault
 from ident.compatibility.fitting import Fit, misfit, residual_of
-from ident.compatibility.instruments import Weigher, shortened
-from ident.compatibility.noise import NoiseModel
+from ident.compatibility.instruments import Weigher, instrumented, shortened
+from ident.compatibility.noise import NoiseModel, whitener
 from ident.compatibility.signals import Signals
 from ident.compatibility.six_degrees.noise import first_noise, settled_noise
 from ident.compatibility.six_degrees.unknowns import evaluate, linearised, start_of, unknowns_of
@@ -42,6 +42,24 @@ def fit(signals: Sequence[Signals], faults: Sequence[SensorFault] = (), begin: F
     cost = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
     slopes, outputs = tuple(slope for _, slope in lines), tuple(y for y, _ in lines)
     return Fit(tuple(signals), tuple(faults), sizes, tuple(own), noise, cost, tuple(residuals), slopes, outputs)
+
+
+def likelihoods(fits: Sequence[Fit]) -> np.ndarray:
+    """Minus the log likelihood of each of some fits of the same records, but for a constant; with instruments half their misfit's projection, all
+    under the noise of the likeliest."""
+    whole = np.array([each.cost + 0.5 * sum(whitener(s, each.noise).log_determinant for s in each.signals) for each in fits])
+    if not instrumented(fits[0].signals):
+        return whole
+    whiteners = [shortened(s, fits[int(np.argmin(whole))].noise) for s in fits[0].signals]
+    return np.array([_least_misfit(each, whiteners) for each in fits])
+
+
+def _least_misfit(found: Fit, whiteners: Sequence[Weigher]) -> float:
+    """Half the sum of squares that the unknowns of a fit leave under another noise, priors included; to first order."""
+    priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in found.signals]
+    lines = list(zip(found.outputs, found.jacobians, strict=True))
+    information, gradient = _normal(found.signals, priors, found.own, lines, whiteners)
+    return misfit(found.signals, priors, found.own, found.outputs, whiteners) - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
 
 def _descended(

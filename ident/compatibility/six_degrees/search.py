@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from ident.compatibility.fault_sets import TIE, charge_of
 from ident.compatibility.faults import DRIFT, SensorFault
 from ident.compatibility.fitting import Fit
-from ident.compatibility.grouping import chance_of
+from ident.compatibility.grouping import chance_of, same_lateness
 from ident.compatibility.instruments import instrumented
 from ident.compatibility.result import CompatibilitySettings
 from ident.compatibility.signals import Signals
-from ident.compatibility.six_degrees.fitting import fit
+from ident.compatibility.six_degrees.fitting import fit, likelihoods
 from ident.compatibility.six_degrees.linear import LEAST_SECANT, Linear, Normal, by_output_error, linear
 from ident.compatibility.six_degrees.selection import best_set, fitted, needed
 
 _ROUNDS = 5
+NOTHING_LATE: Mapping[tuple[int, int], float] = MappingProxyType({})
 SECANT = 0.05  # s, before anything is known of a time
 _LONGEST_SECANT = 0.3
 _REPLICATION = 1e-3  # p-value below which the records contradict each other
@@ -30,7 +32,8 @@ _DEMANDED = 3.0  # standard deviations
 class Searched:
     """What a search has found: the ``lines`` around the joint fit of the ``standing`` faults (places in ``lines.faults``), the ``groups`` of
     each with what is lost with it, faults that were ``refused`` since records disagree. ``early``: a load and by how much it is ahead of its
-    time, s, where that explains more than any fault. ``common``: places of the faults that all records may share."""
+    time, s, where that explains more than any fault. ``common``: places of the faults that all records may share. ``lateness``: what is lost
+    with another way for a channel to be late in the place of one that stands, by both places, each fitted in full."""
 
     lines: Linear
     standing: tuple[int, ...]
@@ -40,6 +43,7 @@ class Searched:
     widening: float
     output_error: tuple[Normal, ...]
     common: tuple[int, ...]
+    lateness: Mapping[tuple[int, int], float] = field(default_factory=dict)
 
 
 def search(signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault], settings: CompatibilitySettings) -> Searched:
@@ -50,32 +54,51 @@ def search(signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault],
     chance = chance_of(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, ahead = _settled(signals, base, faults, [i for i in common if i not in refused], charge, settings.most, early)
+        lines, members, ahead, lateness = _settled(signals, base, faults, [i for i in common if i not in refused], charge, settings.most, early)
         failing = {i for i in members if not _replicates(lines, members, i)}
         if not failing:
             break
         # What looks like it fails with it, and need not be tried one after the other.
-        near = {(i, j) for i in failing for j in alike(lines, members, i, chance, common)}
+        near = {(i, j) for i in failing for j in alike(lines, members, i, chance, common, lateness)}
         refused |= failing | {j for i, j in near if not _replicates(lines, _instead(members, i, j), j)}
     sets = fitted(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
     widening = float(np.mean(sets.widening)) if members else 1.0
     among = [i for i in common if i not in refused]
-    groups = tuple(_group(lines, members, i, chance, widening, among) for i in members)
+    groups = tuple(_group(lines, members, i, chance, widening, among, lateness) for i in members)
     other = tuple(by_output_error(lines, r) for r in range(len(signals)))
-    return Searched(lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common))
+    return Searched(lines, members, groups, frozenset(refused), ahead, widening, other, tuple(common), lateness)
 
 
 def _settled(
     signals: Sequence[Signals], base: Fit, faults: Sequence[SensorFault], among: Sequence[int], charge: float, most: int, early: bool
+) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
+    """Sets chosen and fitted in turn until the same one comes again, and once more from another way to be late where that is likelier; with what is
+    lost with each such way (``_late_instead``)."""
+    lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
+    likeliest, lateness = _late_instead(signals, lines.found, members, faults, among)
+    if likeliest[1] != members:
+        lines, members, ahead = _in_turn(signals, *likeliest, faults, among, charge, most, early)
+        _, lateness = _late_instead(signals, lines.found, members, faults, among)
+    return lines, members, ahead, lateness
+
+
+def _in_turn(
+    signals: Sequence[Signals],
+    found: Fit,
+    members: tuple[int, ...],
+    faults: Sequence[SensorFault],
+    among: Sequence[int],
+    charge: float,
+    most: int,
+    early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
-    """Sets chosen and fitted in turn until the same one comes again."""
-    found, secants = base, np.full(len(faults), SECANT)
-    members: tuple[int, ...] = ()
-    ahead = None
+    """Sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
+    secants, ahead = np.full(len(faults), SECANT), None
+    secants[list(members)] = [_secant(size) for size in found.sizes.tolist()[: len(members)]]
     for turn in range(_ROUNDS):
         lines = linear(found, faults, secants)
         normal = lines.joint
-        if not turn:
+        if not turn and not members:
             # What a fault leaves of the record is not the colour of what is left with it.
             normal = replace(normal, scatter=normal.information)
         sets, row = best_set(normal, faults, among, charge, most, early=early)
@@ -91,10 +114,30 @@ def _settled(
             found = fit(signals, [faults[i] for i in chosen], found)
         members = chosen
         secants = _secants(lines, chosen)
-        secants[list(chosen)] = [size if abs(size) > 1e-3 else SECANT for size in found.sizes.tolist()]
+        secants[list(chosen)] = [_secant(size) for size in found.sizes.tolist()]
     else:
         lines = linear(found, faults, secants)
     return lines, members, ahead
+
+
+def _secant(size: float) -> float:
+    return size if abs(size) > 1e-3 else SECANT
+
+
+def _late_instead(
+    signals: Sequence[Signals], found: Fit, members: Sequence[int], faults: Sequence[SensorFault], among: Sequence[int]
+) -> tuple[tuple[Fit, tuple[int, ...]], dict[tuple[int, int], float]]:
+    """The likeliest of a set and of those with another way to be late in the place of one, and what is lost with each of these: by the two places.
+
+    To first order they would be compared under the noise of the one that stands, which has taken for noise what it does not explain, and as if
+    both acted: a late reading of what an arm adds is no small thing.
+    """
+    pairs = [(place, j) for place, i in enumerate(members) for j in among if j not in members and same_lateness(faults[i], faults[j])]
+    sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
+    fits = [found, *(fit(signals, [faults[k] for k in chosen], found) for chosen in sets[1:])]
+    left = likelihoods(fits) if pairs else np.zeros(1)
+    best = int(np.argmin(left))
+    return (fits[best], sets[best]), {(members[place], j): float(lost) for (place, j), lost in zip(pairs, left[1:] - left[0], strict=True)}
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
@@ -140,18 +183,24 @@ def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, n
     return np.array(values), np.array(weights)
 
 
-def _group(lines: Linear, members: Sequence[int], i: int, chance: float, widening: float, among: Sequence[int]) -> tuple[tuple[int, float], ...]:
+def _group(
+    lines: Linear, members: Sequence[int], i: int, chance: float, widening: float, among: Sequence[int], lateness: Mapping[tuple[int, int], float]
+) -> tuple[tuple[int, float], ...]:
     """A fault that stands and what does as well in its place: places and losses of log likelihood."""
-    near = alike(lines, members, i, chance * widening, among)
+    near = alike(lines, members, i, chance * widening, among, lateness)
     return ((i, 0.0), *((j, lost / widening) for j, lost in near.items() if _replicates(lines, _instead(members, i, j), j)))
 
 
-def alike(lines: Linear, members: Sequence[int], i: int, chance: float, among: Sequence[int]) -> dict[int, float]:
-    """Sound faults that lose no more than ``chance`` of log likelihood in the place of one that stands, the nearest first."""
+def alike(
+    lines: Linear, members: Sequence[int], i: int, chance: float, among: Sequence[int], lateness: Mapping[tuple[int, int], float] = NOTHING_LATE
+) -> dict[int, float]:
+    """Sound faults that lose no more than ``chance`` of log likelihood in the place of one that stands, the nearest first; ``lateness``: what is
+    known of such losses by fits in full."""
     rivals = [j for j in among if j not in members]
     sets = fitted(lines.joint, lines.faults, np.array([_instead(members, i, j) for j in rivals]).reshape(len(rivals), -1), early=False)
     own = fitted(lines.joint, lines.faults, np.array([_instead(members, i, i)]), early=False)
     losses = own.gain[0] - sets.gain + TIE * np.array([lines.faults[j].rare for j in rivals])
+    losses = np.array([max(lateness[i, j], 0.0) if (i, j) in lateness else lost for j, lost in zip(rivals, losses.tolist(), strict=True)])
     return {rivals[k]: float(losses[k]) for k in np.argsort(losses) if losses[k] <= chance and sets.sound[k]}
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ident.compatibility.faults import ARMS
+from ident.compatibility.level_wings import LEVEL
 from ident.compatibility.result import SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
+from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, _finite, agreements, unnamed
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.terminal.quantities import with_sigma
 
-if TYPE_CHECKING:
-    pass
-from scenarios.diagnosis.kinematics import PARAMETERS, Kinematics, _finite, agreements, unnamed
+FREE = "the fits of a diagnosis leave a bias of each channel free"
 
 
 def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> list[str]:
@@ -21,17 +22,30 @@ def kinematics_lines(kinematics: Kinematics, claims: Sequence[Claim], wording: W
         return [kinematics.why]
     lines = [each.sentence for each in agreements(kinematics, claims)]
     lines += [
-        f"kinematics alone say: {finding_sentence(finding, wording)}; the diagnosis does not name it" for finding in unnamed(kinematics, claims)
+        f"kinematics alone say: {finding_sentence(finding, wording)}; {FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
+        for finding in unnamed(kinematics, claims)
     ]
     lines = lines or ["kinematics alone find no fault of a sensor, and the diagnosis names none"]
-    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes)]
+    # The declared equations say as much themselves.
+    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL)]
 
 
 def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
     """One finding: name, value and sigma, and what that is in the words of its effect and group."""
     quantity = Quantity(finding.value, finding.std, finding.unit)
-    words = group_sentence(Claim(finding.name, {PARAMETERS[finding.kind]: quantity}, finding.group), wording)
-    return f"{finding.name} {with_sigma(quantity)}, {words}"
+    if wording.traits(finding.name).sentences:
+        words = group_sentence(Claim(finding.name, {_parameter(finding): quantity}, finding.group), wording)
+        return f"{finding.name} {with_sigma(quantity)}, {words}"
+    # What is no effect of the library, a bias or the place of all accelerometers together, has the words of a check.
+    from scenarios.compatibility.text import what_it_is
+
+    group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
+    return f"{finding.name}, {what_it_is(finding)}{group}"
+
+
+def _parameter(finding: SensorFinding) -> str:
+    """The effect's parameter that is the size of a finding."""
+    return "arm" if finding.kind in ARMS else PARAMETERS.get(finding.kind, finding.kind)
 
 
 def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording: Wording) -> dict[str, Any]:
@@ -47,7 +61,7 @@ def kinematics_content(kinematics: Kinematics, claims: Sequence[Claim], wording:
             {
                 "name": finding.name,
                 "channel": finding.channel,
-                "parameters": {PARAMETERS[finding.kind]: _number(Quantity(finding.value, finding.std, finding.unit))},
+                "parameters": {_parameter(finding): _number(Quantity(finding.value, finding.std, finding.unit))},
                 "alternatives": list(finding.group),
                 "gain": finding.gain,
                 "replicates": finding.replicates,

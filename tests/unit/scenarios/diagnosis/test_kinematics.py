@@ -14,19 +14,15 @@ from ident.compatibility.result import CheckResult, Compatibility, Compatibility
 from ident.compatibility.result import Quantity as Value
 from ident.tracing.diagnosis import Claim, Quantity, Verdict
 from scenarios.compatibility.check import check_files
+from scenarios.diagnosis.kinematic_records import ENOUGH, kinematics_of, kinematics_of_files, shortened, spread
 from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,
     DIFFERS,
-    ENOUGH,
     IN_KIND,
     NOTHING,
     Kinematics,
     agreements,
-    kinematics_of,
-    kinematics_of_files,
-    shortened,
-    spread,
     unnamed,
 )
 from scenarios.diagnosis.report.content import diagnosis_content
@@ -144,8 +140,8 @@ def test_what_cannot_be_checked_is_one_line_and_no_failure(records: tuple[Record
 def test_of_many_samples_every_record_keeps_its_liveliest_stretch(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Record] = []
 
-    def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool) -> object:
-        assert not each
+    def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: bool, six: bool) -> object:
+        assert not each and not six
         seen.extend(records)
         return checked().result
 
