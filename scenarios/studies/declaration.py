@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +79,15 @@ class Repeated:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """A value that no source gives: its key in the file, what stands there as text, and why that was chosen."""
+
+    key: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class PublishedChoice:
     """Which column of which published table stands beside an estimate."""
 
@@ -106,6 +115,8 @@ class Estimation:
         1 + 1/400 times.
     use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
+    flight : what was flown for this estimation alone, with its ``distance``; None takes the scenario's.
+    choices : values of this estimation that no source gives.
     """
 
     name: str
@@ -129,6 +140,9 @@ class Estimation:
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
+    flight: Flight | None = None
+    distance: str = ""
+    choices: tuple[Choice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -147,6 +161,7 @@ class Scenario:
     flown : class of the aircraft and category of the flight phase, by which levels of flying qualities are told; None tells none.
     files : users' model files that it names, with their hashes.
     repeated : flights that show how the estimates scatter; None where one flight is all.
+    choices : values of the flight and of the main estimation that no source gives.
     """
 
     name: str
@@ -161,3 +176,11 @@ class Scenario:
     flown: Flown | None = None
     files: tuple[InputFile, ...] = ()
     repeated: Repeated | None = None
+    choices: tuple[Choice, ...] = ()
+
+
+def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
+    """The scenario with the flight whose record an estimation gets: its own where it has one, of the same vehicle."""
+    if estimation.flight is None:
+        return scenario
+    return replace(scenario, flight=estimation.flight, distance=estimation.distance or scenario.distance)

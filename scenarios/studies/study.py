@@ -12,7 +12,7 @@ from ident.flying_qualities.modal import modal_estimate
 from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario
+from scenarios.studies.declaration import EMPTY, Estimation, Scenario, seen_by
 from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, vehicle_constants
 from scenarios.studies.flying import fly_scenario, measured_again, true_model
 from scenarios.studies.notes import prior_note, residual_note
@@ -72,8 +72,10 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        seen = measured_again(record, truth, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else record
-        methods.append(_method(scenario, estimation, seen, truth, references(scenario, estimation)))
+        flown = seen_by(scenario, estimation)
+        seen, actual = (record, truth) if flown is scenario else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
+        seen = measured_again(seen, actual, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else seen
+        methods.append(_method(flown, estimation, seen, actual, references(flown, estimation)))
     return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
@@ -99,8 +101,7 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
     notes = [prior_note(method.result) for method in methods]
     if scenario.condensed:
-        model = true_model(scenario.flight)
-        notes += [residual_note(method.result, model) for method in methods]
+        notes += [residual_note(method.result, true_model(seen_by(scenario, method.estimation).flight)) for method in methods]
     return tuple(note for note in notes if note)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from scenarios.studies.departures import HEADING, choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.notes import flexibility_sentences
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
@@ -25,6 +26,7 @@ def print_study(study: Study, out: Console | None = None) -> None:
     scenario = study.scenario
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
+    print_choices(out, choice_lines(scenario.choices), vehicle_line(scenario.flight))
     for method in study.methods:
         out.print()
         _print_method(study, method, out)
@@ -39,6 +41,16 @@ def print_study(study: Study, out: Console | None = None) -> None:
         out.print()
         for note in study.notes:
             print_paragraph(out, note, indent=0)
+
+
+def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
+    """Choices, one line each under a heading, and what is to be said of the vehicle's numbers; nothing where there is nothing."""
+    if lines:
+        print_paragraph(out, HEADING, indent=0)
+    for line in lines:
+        print_paragraph(out, line)
+    if vehicle:
+        print_paragraph(out, vehicle, indent=0)
 
 
 def _known(row: Row) -> bool:
@@ -74,7 +86,10 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     print_table(out, title, columns, published)
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    for line in (derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
+    own = choice_lines(method.estimation.choices)
+    seen = other_flight_line(study.scenario, method.estimation)
+    chosen = f"{HEADING} {'; '.join(own)}" if own else ""
+    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation, chosen):
         if line:
             print_paragraph(out, line)
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from scenarios.studies.declaration import Choice
+
 _NONE: Mapping[str, float] = MappingProxyType({})
 
 
@@ -114,6 +116,7 @@ class LoopScenario:
     published : columns of the paper's tables to print, the scenario's own first.
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
+    choices : values that no source gives.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
 
@@ -131,3 +134,4 @@ class LoopScenario:
     peak: tuple[float, float] | None = None
     findings: str = ""
     seed: int = 1
+    choices: tuple[Choice, ...] = ()

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.catalogue import with_change
+from scenarios.studies.scenario_file.choices import choices_of
 from scenarios.studies.scenario_file.quantities import Quantity, positive, si
 from scenarios.x29.declaration import Against, LoopEstimation, LoopFlight, LoopScenario, Spike, StickPlan, Variant
 from sim.errors import DeclarationError
@@ -92,6 +93,7 @@ class _Scenario(_Strict):
     stretch: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     peak: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     findings: str = ""
+    own: dict[str, Any] = {}
 
 
 def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> LoopScenario:
@@ -118,6 +120,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
         content.seed,
+        choices_of(content.own, document, f"{where}, key own"),
     )
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
 from scenarios.studies.declaration import Estimation, Flight, PublishedChoice, Scenario, Start
-from scenarios.studies.scenario_file.flight import flight_of, repeated_of
+from scenarios.studies.scenario_file.choices import choices_of
+from scenarios.studies.scenario_file.flight import flight_of, other_flight_of, repeated_of
 from scenarios.studies.scenario_file.own import completed, model_files
 from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
-from scenarios.studies.scenario_file.schema import EstimateTable, ScenarioTable, SpreadTable
+from scenarios.studies.scenario_file.schema import EstimateTable, MethodTable, ScenarioTable, SpreadTable
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
@@ -22,7 +24,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """A Scenario from the content of its file; ``where`` names the file in messages.
 
     A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself; its tables
-    ``start``, ``initial`` and ``held`` replace whole entries, not tables.
+    ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight`` replaces keys of ``[flight]``.
 
     Raises
     ------
@@ -39,12 +41,15 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         for table in ("start", "initial", "held"):
             if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
                 merged[table] = {**base[table], **change[table]}
-        method = checked(EstimateTable, merged, where, f"methods[{number}]")
+        method, place = checked(MethodTable, merged, where, f"methods[{number}]"), f"{where}, key methods[{number}]"
         if method.name in [done.name for done in mains]:
-            raise DeclarationError(
-                f"the name {method.name!r} is taken", where=f"{where}, key methods[{number}].name", remedy="give each method a name of its own"
-            )
-        mains.append(estimation_of(method, method.name, where, flight, files))
+            raise DeclarationError(f"the name {method.name!r} is taken", where=f"{place}.name", remedy="give each method a name of its own")
+        own_flight = other_flight_of(content.flight, method.flight, method.model, where, f"methods[{number}].flight", files)
+        if method.distance and own_flight is None:
+            raise DeclarationError("this method sees the scenario's flight", where=f"{place}.distance", remedy="leave it out, or give it a flight")
+        declared = estimation_of(method, method.name, where, own_flight or flight, files)
+        choices = choices_of(method.own, merged, f"{place}.own")
+        mains.append(replace(declared, flight=own_flight, distance=method.distance or "", choices=choices))
     return Scenario(
         name,
         content.title,
@@ -57,7 +62,8 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.seed,
         flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
         tuple(file.identity for file in files.values()),
-        repeated_of(content, [each.name for each in mains], where, files) if content.repeated else None,
+        repeated_of(content, [each.name for each in mains if each.flight is None], where, files) if content.repeated else None,
+        choices_of(content.own, document, f"{where}, key own"),
     )
 
 
