@@ -13,6 +13,8 @@ from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
 from scenarios.studies.comparison import comparison
 from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.text import print_study
+from scenarios.terminal.numbers import as_text
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -21,8 +23,8 @@ MAIN = "comparison.json"
 def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``history.csv`` of a filter, figures as PNG,
-    ``comparison.json`` last. A method that saw other sensors leaves ``record_METHOD.csv``.
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``history.csv`` of a filter,
+    figures as PNG, ``comparison.json`` last. A method that saw another flight or other sensors leaves ``record_METHOD.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record)
@@ -34,6 +36,7 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
                 suffix = "" if method is study.main else f"_{name}"
                 write_history(scratch / f"history{suffix}.csv", method)
         write_json(scratch / "truth.json", truth_content(study.truth))
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out)), encoding="utf-8")
         if figures:
             from scenarios.studies.figures import draw_study
 

@@ -8,7 +8,6 @@ from typing import Any
 from scenarios.studies.declaration import Choice
 from sim.errors import DeclarationError
 
-
 MOST_ENTRIES = 6  # of a list of numbers that is told one by one
 
 
