@@ -12,7 +12,7 @@ from scenarios.studies.declaration import Choice, Estimation, Flight, Scenario
 from sim.vehicles.data import Origin, VehicleData
 from sim.vehicles.library import read_parameter_set
 
-HEADING = "chosen by this project [own], printed by no source:"
+HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
 TOLD = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)  # origins that a reader would not expect of a published aircraft
 _MODAL = re.compile(r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)")
 

@@ -26,10 +26,11 @@ def print_study(study: Study, out: Console | None = None) -> None:
     scenario = study.scenario
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
-    print_choices(out, choice_lines(scenario.choices), vehicle_line(scenario.flight))
     for method in study.methods:
         out.print()
         _print_method(study, method, out)
+        main = method is study.main
+        print_choices(out, choice_lines(scenario.choices if main else method.estimation.choices), vehicle_line(scenario.flight) if main else "")
     if study.repeated:
         out.print()
         _print_repeated(study.repeated, out)
@@ -46,11 +47,11 @@ def print_study(study: Study, out: Console | None = None) -> None:
 def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
     """Choices, one line each under a heading, and what is to be said of the vehicle's numbers; nothing where there is nothing."""
     if lines:
-        print_paragraph(out, HEADING, indent=0)
+        print_paragraph(out, HEADING)
     for line in lines:
-        print_paragraph(out, line)
+        print_paragraph(out, line, indent=4)
     if vehicle:
-        print_paragraph(out, vehicle, indent=0)
+        print_paragraph(out, vehicle)
 
 
 def _known(row: Row) -> bool:
@@ -86,10 +87,8 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     print_table(out, title, columns, published)
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    own = choice_lines(method.estimation.choices)
     seen = other_flight_line(study.scenario, method.estimation)
-    chosen = f"{HEADING} {'; '.join(own)}" if own else ""
-    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation, chosen):
+    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
         if line:
             print_paragraph(out, line)
 

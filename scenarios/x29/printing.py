@@ -36,8 +36,9 @@ def print_loop(study: LoopStudy, out: Console | None = None) -> None:
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
+    _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
-    for table in (_estimate, _states, _correlation, _qualities, _check, _differences, _together, _passes, _variants):
+    for table in (_states, _correlation, _qualities, _check, _differences, _together, _passes, _variants):
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):

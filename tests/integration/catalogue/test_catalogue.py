@@ -244,7 +244,15 @@ def test_a_filter_that_hardly_sees_cm_q_has_the_papers_sigmas() -> None:
     assert blind["Cm_q"] > 60 * ours["Cm_q"] and blind["CL_alpha"] < 0.6 * ours["CL_alpha"]
 
 
-def test_process_noise_on_beta_gives_the_papers_sigma() -> None:
+def test_what_the_paper_prints_as_sigma_with_process_noise_is_its_error() -> None:
+    for name, same in (("ballistic", False), ("ballistic-process-noise", True)):
+        for terms in ("two", "three"):
+            row = method(name, f"paper-{terms}-terms").rows[0]
+            assert row.published_sigmas is not None
+            assert (abs(row.published_sigmas + 1.0) < 1e-5) is same, "to the last digit that is printed"
+
+
+def test_process_noise_on_beta_gives_a_sigma_of_the_printed_size() -> None:
     for method_result in study("ballistic-process-noise").methods[:5]:
         assert method_result.rows[0].std / POUND_PER_SQUARE_FOOT == pytest.approx(11.1, abs=0.15)
 
