@@ -13,6 +13,7 @@ from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
 from scenarios.studies.departures import choices_content, misprints, other_flight, vehicle_origins
+from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
@@ -100,7 +101,8 @@ def method_content(method: MethodResult) -> dict[str, Any]:
     content["method"] = method.estimation.method
     if method.estimation.explanation:
         content["explanation"] = method.estimation.explanation
-    return content
+    remark = published_remark(method.estimation.published)
+    return content | ({"published_remark": remark} if remark else {})
 
 
 def estimate_content(

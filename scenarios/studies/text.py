@@ -11,6 +11,7 @@ from rich.text import Text
 
 from scenarios.studies.departures import HEADING, choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
@@ -87,8 +88,9 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     print_table(out, title, columns, published)
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    seen = other_flight_line(study.scenario, method.estimation)
-    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
+    seen, remark = other_flight_line(study.scenario, method.estimation), published_remark(method.estimation.published)
+    printed = f"published: {remark}" if remark else ""
+    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation, printed):
         if line:
             print_paragraph(out, line)
 

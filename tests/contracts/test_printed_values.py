@@ -22,7 +22,7 @@ NUMBER = re.compile(r"(?:value|std) = \"?-?([\d.]+)(?:e-0?\d+)?")
 
 def published(text: str) -> dict[str, Decimal]:
     """Values and standard deviations of a file of published numbers, by ``table.column.name.value`` or ``.std``."""
-    tables = {name: table for name, table in tomllib.loads(text, parse_float=Decimal).items() if isinstance(table, dict)}
+    tables = {name: table for name, table in tomllib.loads(text, parse_float=Decimal).items() if isinstance(table, dict) and name != "remarks"}
     columns = {f"{name}.{key}": entry for name, table in tables.items() for key, entry in table.items() if isinstance(entry, dict)}
     return {f"{place}.{name}.{kind}": Decimal(value) for place, rows in columns.items() for name, row in rows.items() for kind, value in row.items()}
 

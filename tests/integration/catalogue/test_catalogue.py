@@ -16,7 +16,7 @@ from scenarios.studies.declaration import Estimation, ManeuverPlan, PublishedCho
 from scenarios.studies.estimating import assumed_noise, declared_model, vehicle_constants
 from scenarios.studies.flying import DISTANCES, true_model
 from scenarios.studies.notes import flexibility_sentences
-from scenarios.studies.published import published_values
+from scenarios.studies.published import published_remark, published_values
 from scenarios.studies.study import MethodResult, Study, run_scenario
 from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
@@ -222,10 +222,39 @@ def test_no_rate_of_eulers_steps_explains_the_papers_errors_of_the_rigid_aircraf
     assert all(abs(row.sigmas or math.inf) < 3 for row in method("rigid-euler", "runge-kutta").rows)
 
 
-@pytest.mark.parametrize(("table", "column", "share"), [("rigid", "none", 0.96), ("rigid", "case_a", 0.999), ("rigid", "case_b", 0.999)])
-def test_the_papers_sigma_of_cm_q_is_its_prior(table: str, column: str, share: float) -> None:
-    found = published_values(PublishedChoice("simulated_flight_data", table, column), {})
-    assert found["Cm_q"].std / (0.2 * 34.75) == pytest.approx(share, abs=0.005)
+@pytest.mark.parametrize(
+    ("table", "column", "name", "share"),
+    [
+        ("rigid", "none", "Cm_q", 0.962),
+        ("rigid", "case_a", "Cm_q", 0.9995),
+        ("rigid", "case_b", "Cm_q", 0.9995),
+        ("rigid_equivalent", "ac1", "Cm_q", 0.952),
+        ("rigid_equivalent", "ac2", "Cm_q", 0.997),
+        ("rigid_equivalent", "ac2", "CL_q", 0.873),
+    ],
+)
+def test_the_papers_sigmas_of_cm_q_are_its_prior_and_every_table_says_so(table: str, column: str, name: str, share: float) -> None:
+    choice = PublishedChoice("simulated_flight_data", table, column)
+    true = read_parameter_set("bomber_rigid")[name].value
+    assert published_values(choice, {})[name].std / (0.2 * abs(true)) == pytest.approx(share, abs=5e-4)
+    assert name in published_remark(choice) and "prior" in published_remark(choice)
+
+
+def test_table_5_claims_to_know_cm_q_far_better_than_table_4() -> None:
+    for column, times in (("ac1", 24), ("ac2", 14)):
+        six, fifteen = (PublishedChoice("simulated_flight_data", table, column) for table in ("rigid_equivalent", "first_mode"))
+        assert round(published_values(six, {})["Cm_q"].std / published_values(fifteen, {})["Cm_q"].std) == times
+        assert f"a {times}th of" in published_remark(fifteen)
+
+
+@every_scenario
+def test_a_remark_on_a_published_column_stands_under_every_table_that_shows_it(name: str) -> None:
+    for estimation in load_scenario(name).estimations:
+        assert bool(published_remark(estimation.published)) is (estimation.published is not None)
+    if name in ("rigid", "ballistic"):
+        told, written = as_text(lambda out: print_study(study(name), out)), comparison(study(name))
+        assert told.count("published: Table") == sum(item.published is not None for item in load_scenario(name).estimations)
+        assert written["published_remark"] in " ".join(told.split())
 
 
 def test_a_filter_that_hardly_sees_cm_q_has_the_papers_sigmas() -> None:
