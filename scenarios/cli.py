@@ -267,15 +267,17 @@ def campaign(
     noise: Noise = None,
     duration: Duration = None,
     rate: SampleRate = None,
+    method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
     from scenarios.commands.arguments import scenario_or_own
-    from scenarios.commands.campaign import own_campaign, run_campaign
+    from scenarios.commands.campaign import own_campaign, refuse_method, run_campaign
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     if isinstance(what, str):
-        run_campaign(what, runs, seed, out, changes or [])
+        run_campaign(what, runs, seed, out, changes or [], method)
     else:
+        refuse_method(method)
         own_campaign(what, runs, seed, out, changes or [])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import run_bank
-from scenarios.studies.declaration import Estimation, Scenario
+from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, filter_settings, vehicle_constants
 from scenarios.studies.flying import fly_scenario
 from scenarios.studies.study import references
@@ -36,6 +36,7 @@ class Repeated:
 
 def repeat(scenario: Scenario, estimation: Estimation, seeds: Sequence[int]) -> Repeated:
     """Measure the scenario's flight with each seed and estimate; a narrowed further pass takes the batch's median sigma for all runs."""
+    scenario = seen_by(scenario, estimation)
     record, truth = fly_scenario(scenario, seeds[0])
     truth = replace(truth, noise_std={**truth.noise_std, **estimation.flown_noise_std})
     model = declared_model(estimation, vehicle_constants(estimation, scenario.flight.vehicle), assumed_noise(scenario, estimation))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.commands.failures import named_after
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,26 +31,35 @@ def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None
     _run(scenario, asked.model, runs, seed, out)
 
 
-def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
-    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``."""
-    from scenarios.studies.catalogue import load_scenario, scenario_file, scenario_kind
+def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None) -> None:
+    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main."""
+    from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
 
+    kind = "" if name in LOOP else scenario_kind(name)
+    if kind != IDENTIFICATION:
+        refuse_method(method)
     if name in LOOP:
         from scenarios.commands.trials import run_trials
 
         run_trials(name, runs, seed, out, changes)
         return
-    if scenario_kind(name) == "standin":
+    if kind == "standin":
         from scenarios.commands.standin import standin_campaign
 
         standin_campaign(name, runs, seed, out, changes)
         return
-    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out)
+    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, method or "main")
 
 
-def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None) -> None:
+def refuse_method(method: str | None) -> None:
+    """Raise DeclarationError where a method is named for what has one alone."""
+    if method is not None:
+        raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
+
+
+def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main") -> None:
     with named_after(file):
-        campaign = fly_campaign(scenario, runs, seed)
+        campaign = fly_campaign(scenario, runs, seed, method)
     _print(campaign)
     if out is not None:
         _write(campaign, out)
@@ -97,6 +107,7 @@ def _write(campaign: Campaign, out: Path) -> None:
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,
+            "method": campaign.estimation.name,
             "first_seed": campaign.seeds[0],
             "runs": len(campaign.seeds),
             "broken": campaign.broken,

@@ -10,12 +10,13 @@ import numpy as np
 from ident.banks.bank import BankEstimate, run_bank
 from ident.filters.ekf import SETTLED
 from ident.statistics.shares import clopper_pearson, clustered_share
-from scenarios.studies.declaration import Estimation, Scenario
+from scenarios.files.declarations import closest
+from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
 from scenarios.studies.flying import fly_scenario, measured_again
 from scenarios.studies.study import references
 from sim.declaration.system import System
-from sim.errors import ModelError
+from sim.errors import DeclarationError, ModelError
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
@@ -58,14 +59,22 @@ class Campaign:
     pooled: Spread
 
 
-def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None) -> Campaign:
-    """Run a scenario's main estimation with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
+def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None, method: str = "main") -> Campaign:
+    """Run one of a scenario's estimations with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
 
     Filters run as one batch; whole-record fits one after the other. Where process noise really acts or measured outputs are
     fed back every run is flown anew, else the same flight is measured again.
+
+    Raises
+    ------
+    FlightidError : there is no method of that name, or what it declares cannot be flown or estimated.
     """
     first = scenario.seed if seed is None else seed
-    estimation = scenario.estimations[0]
+    known = {estimation.name: estimation for estimation in scenario.estimations}
+    if method not in known:
+        raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=closest(method, known))
+    estimation = known[method]
+    scenario = seen_by(scenario, estimation)
     record, truth = fly_scenario(scenario, first)
     records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
     model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))

@@ -12,7 +12,9 @@ from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.files.versions import versions
 from scenarios.studies.declaration import Start
+from scenarios.studies.departures import choices_content, misprints, other_flight, vehicle_origins
 from scenarios.studies.determination.content import determination_content
+from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
@@ -35,6 +37,9 @@ def comparison(study: Study) -> dict[str, Any]:
         "distance": study.scenario.distance,
         **method_content(study.main),
         **({"flying_qualities": levels_content(study.main.levels, study.scenario.flown)} if study.scenario.flown is not None else {}),
+        "own": choices_content(study.scenario.choices),
+        "vehicle_origins": vehicle_origins(study.scenario.flight),
+        "misprints": {name: {"flown": flown, "printed": printed} for name, (flown, printed) in misprints(study.scenario.flight).items()},
         "notes": list(study.notes),
         "versions": versions(),
     }
@@ -48,7 +53,17 @@ def comparison(study: Study) -> dict[str, Any]:
     if study.repeated:
         out["repeated"] = [_repeated(each) for each in study.repeated]
     if len(study.methods) > 1:
-        out["methods"] = {method.estimation.name: method_content(method) for method in study.methods[1:]}
+        out["methods"] = {method.estimation.name: method_content(method) | _departures(study, method) for method in study.methods[1:]}
+    return out
+
+
+def _departures(study: Study, method: MethodResult) -> dict[str, Any]:
+    """Choices of a method, and the flight that it alone saw (SI)."""
+    estimation, flight = method.estimation, method.estimation.flight
+    out: dict[str, Any] = {"own": choices_content(estimation.choices)} if estimation.choices else {}
+    if flight is not None:
+        changed = {name: value for name, value in other_flight(study.scenario, estimation).items() if name != "maneuvers"}
+        out |= {"flight": changed, "distance": estimation.distance or study.scenario.distance}
     return out
 
 
@@ -92,7 +107,8 @@ def method_content(method: MethodResult) -> dict[str, Any]:
         content["determination"] = determination_content(method.determination)
     if method.estimation.explanation:
         content["explanation"] = method.estimation.explanation
-    return content
+    remark = published_remark(method.estimation.published)
+    return content | ({"published_remark": remark} if remark else {})
 
 
 def estimate_content(

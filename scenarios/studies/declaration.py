@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +81,15 @@ class Repeated:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """A value that no source gives: its key in the file, what stands there as text, and why that was chosen."""
+
+    key: str
+    value: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class PublishedChoice:
     """Which column of which published table stands beside an estimate."""
 
@@ -125,7 +134,8 @@ class Estimation:
         1 + 1/400 times.
     use_priors : whether a whole-record fit counts the priors of ``start`` too; filters always do.
     flown_noise_std : the same flight measured with sensors of this noise; empty takes the record as flown.
-    flown_maneuvers : the same aircraft flown again with these in the place of the flight's; empty takes the record as flown.
+    flight : what was flown for this estimation alone, with its ``distance``; None takes the scenario's.
+    choices : values of this estimation that no source gives.
     """
 
     name: str
@@ -149,7 +159,9 @@ class Estimation:
     published: PublishedChoice | None = None
     flown_noise_std: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     own: Model | None = None
-    flown_maneuvers: tuple[ManeuverPlan, ...] = ()
+    flight: Flight | None = None
+    distance: str = ""
+    choices: tuple[Choice, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -170,6 +182,7 @@ class Scenario:
     repeated : flights that show how the estimates scatter; None where one flight is all.
     determination : tell what the records determine and what only the priors do.
     sweep : structures with which the flight is flown and estimated again; None where one is all.
+    choices : values of the flight and of the main estimation that no source gives.
     """
 
     name: str
@@ -186,3 +199,11 @@ class Scenario:
     repeated: Repeated | None = None
     sweep: SweepPlan | None = None
     determination: bool = False
+    choices: tuple[Choice, ...] = ()
+
+
+def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
+    """The scenario with the flight whose record an estimation gets: its own where it has one, of the same vehicle."""
+    if estimation.flight is None:
+        return scenario
+    return replace(scenario, flight=estimation.flight, distance=estimation.distance or scenario.distance)

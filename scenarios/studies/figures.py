@@ -32,7 +32,7 @@ def draw_study(study: Study, folder: Path) -> None:
     fit = figure_fit(study.record, [_response(method) for method in _told_apart(study)], study.truth, title, study.truth.noise_std)
     save_figure(fit, folder, "fit")
     for method in study.methods:
-        if method.estimation.flown_maneuvers:
+        if method.estimation.flight is not None:
             save_figure(figure_record(method.result.record, f"{title}\n{method.estimation.label}"), folder, f"record_{method.estimation.name}")
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
@@ -101,10 +101,15 @@ def _told_apart(study: Study) -> list[MethodResult]:
 
 
 def _draw_ballistic(study: Study, folder: Path) -> None:
-    histories = {m.estimation.label: m.result.estimate.history for m in study.methods if m.result.estimate.history is not None}
-    kept = {label: history for label, history in histories.items() if history is not None}
+    kept, same_fall = {}, {}
+    for method in study.methods:
+        if method.result.estimate.history is not None:
+            kept[method.estimation.label] = method.result.estimate.history
+            if method.estimation.flight is None:
+                same_fall[method.estimation.label] = method.result.estimate.history
+    if same_fall:
+        save_figure(figure_trajectory(study.record, same_fall, study.truth, study.scenario.title), folder, "trajectory")
     if kept:
-        save_figure(figure_trajectory(study.record, kept, study.truth, study.scenario.title), folder, "trajectory")
         true = study.truth.parameters["beta"].value
         save_figure(figure_ballistic_coefficient(kept, true, title=study.scenario.title), folder, "ballistic_coefficient")
 

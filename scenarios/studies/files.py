@@ -15,6 +15,8 @@ from scenarios.studies.comparison import comparison
 from scenarios.studies.determination.content import determination_csv
 from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
+from scenarios.studies.text import print_study
+from scenarios.terminal.numbers import as_text
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -23,9 +25,10 @@ MAIN = "comparison.json"
 def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``response.csv`` (measured, predicted and noise-free outputs),
-    ``history.csv`` of a filter, figures as PNG, ``comparison.json`` last. Further methods leave ``response_METHOD.csv`` and
-    ``history_METHOD.csv``, those that saw other sensors ``record_METHOD.csv``; a sweep ``sweep.csv``, determination ``determination.csv``.
+    Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``response.csv`` (measured, predicted
+    and noise-free outputs), ``history.csv`` of a filter, figures as PNG, ``comparison.json`` last. Further methods leave
+    ``response_METHOD.csv`` and ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a sweep
+    ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.record)
@@ -45,6 +48,7 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out)), encoding="utf-8")
         if figures:
             from scenarios.studies.figures import draw_study
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ident.flying_qualities.modal import modal_estimate
 from ident.flying_qualities.mode_levels import ModeLevel, mode_levels
 from ident.statistics.residuals import ResidualTest, residual_tests
 from scenarios.files.own_models import moves_about_rest
-from scenarios.studies.declaration import EMPTY, Estimation, Scenario
+from scenarios.studies.declaration import EMPTY, Estimation, Scenario, seen_by
 from scenarios.studies.determination.determine import MethodDetermination, determine
 from scenarios.studies.estimating import Result, assumed_noise, compiled, declared_model, estimate_record, flight_constants
 from scenarios.studies.flying import flown_vehicle, fly_scenario, measured_again, true_model
@@ -77,12 +77,10 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> Study:
     record, truth = fly_scenario(scenario, chosen)
     methods = []
     for estimation in scenario.estimations:
-        seen, flown = record, truth
-        if estimation.flown_maneuvers:
-            seen, flown = fly_scenario(replace(scenario, flight=replace(scenario.flight, maneuvers=estimation.flown_maneuvers)), chosen)
-        if estimation.flown_noise_std:
-            seen = measured_again(seen, flown, estimation.flown_noise_std, chosen)
-        methods.append(_method(scenario, estimation, seen, flown, references(scenario, estimation)))
+        flown = seen_by(scenario, estimation)
+        seen, actual = (record, truth) if flown is scenario else fly_scenario(flown, chosen, f"method {estimation.name}, key flight")
+        seen = measured_again(seen, actual, estimation.flown_noise_std, chosen) if estimation.flown_noise_std else seen
+        methods.append(_method(flown, estimation, seen, actual, references(flown, estimation)))
     return Study(scenario, chosen, record, truth, tuple(methods), _notes(scenario, methods), _flexibility(scenario, record))
 
 
@@ -108,8 +106,7 @@ def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
 def _notes(scenario: Scenario, methods: Sequence[MethodResult]) -> tuple[str, ...]:
     notes = [] if scenario.determination else [prior_note(method.result) for method in methods]
     if scenario.condensed:
-        model = true_model(scenario.flight)
-        notes += [residual_note(method.result, model) for method in methods]
+        notes += [residual_note(method.result, true_model(seen_by(scenario, method.estimation).flight)) for method in methods]
     return tuple(note for note in notes if note)
 
 

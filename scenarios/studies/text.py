@@ -9,8 +9,10 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from scenarios.studies.departures import HEADING, choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.determination.text import print_determination
 from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
@@ -30,6 +32,8 @@ def print_study(study: Study, out: Console | None = None) -> None:
     for method in study.methods:
         out.print()
         _print_method(study, method, out)
+        main = method is study.main
+        print_choices(out, choice_lines(scenario.choices if main else method.estimation.choices), vehicle_line(scenario.flight) if main else "")
     if study.repeated:
         out.print()
         _print_repeated(study.repeated, out)
@@ -48,6 +52,16 @@ def print_study(study: Study, out: Console | None = None) -> None:
         out.print()
         for note in study.notes:
             print_paragraph(out, note, indent=0)
+
+
+def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
+    """Choices, one line each under a heading, and what is to be said of the vehicle's numbers; nothing where there is nothing."""
+    if lines:
+        print_paragraph(out, HEADING)
+    for line in lines:
+        print_paragraph(out, line, indent=4)
+    if vehicle:
+        print_paragraph(out, vehicle)
 
 
 def _known(row: Row) -> bool:
@@ -83,7 +97,9 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     print_table(out, title, columns, published)
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
-    for line in (derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation):
+    seen, remark = other_flight_line(study.scenario, method.estimation), published_remark(method.estimation.published)
+    printed = f"published: {remark}" if remark else ""
+    for line in (seen, derived_line(method.derived), levels, test_line(method.tests), method.estimation.explanation, printed):
         if line:
             print_paragraph(out, line)
 

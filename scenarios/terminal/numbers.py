@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from rich.console import Console
 
@@ -17,6 +18,13 @@ def console(width: int | None = None) -> Console:
     """A console that never folds numbers, 120 columns where the output is not a terminal; brackets in texts stay as they are."""
     plain = Console(markup=False)
     return plain if plain.is_terminal else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+
+
+def as_text(show: Callable[[Console], None]) -> str:
+    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the ends of lines."""
+    out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
+    show(out)
+    return "".join(f"{line.rstrip()}\n" for line in out.file.getvalue().splitlines())  # type: ignore[attr-defined]
 
 
 def number(value: float, std: float | None = None) -> str:

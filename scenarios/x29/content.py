@@ -12,6 +12,7 @@ from ident.estimate import Estimate
 from ident.flying_qualities.handling_qualities import UNITS, Level
 from scenarios.files.versions import versions
 from scenarios.studies.comparison import SCHEMA
+from scenarios.studies.departures import choices_content
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.loop.linear_check import linear_content
 from scenarios.x29.loop.open_margins import margins_content
@@ -34,6 +35,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "title": scenario.title,
         "seed": study.seed,
         "distance": scenario.distance,
+        "own": choices_content(scenario.choices),
         "parameters": _parameters(study),
         "fixed": _fixed(result),
         "derived": {q.name: {"estimate": q.value, **({"std": q.std} if q.std > 0 else {}), "unit": q.unit} for q in result.qualities},

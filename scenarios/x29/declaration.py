@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from scenarios.studies.declaration import Choice
+
 _NONE: Mapping[str, float] = MappingProxyType({})
 # Ways to estimate one record that a scenario may have beside its own: what each is called in a table.
 METHODS: Mapping[str, str] = MappingProxyType(
@@ -144,6 +146,7 @@ class LoopScenario:
     against : what the result is compared with. together : scenarios printed side by side as the paper's Table 3.
     methods : names of ``METHODS`` whose results stand beside the scenario's own. margins : what is varied of the loop's margins.
     variants : see ``Variant``. stretch : an interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
+    choices : values that no source gives.
     findings : what holds or stays open whatever the numbers are, in words, to be read with what is computed from them.
     """
 
@@ -163,3 +166,4 @@ class LoopScenario:
     methods: tuple[str, ...] = ()
     margins: MarginPlan | None = None
     seed: int = 1
+    choices: tuple[Choice, ...] = ()

@@ -11,7 +11,9 @@ import numpy as np
 
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
+from scenarios.terminal.numbers import as_text
 from scenarios.x29.content import loop_comparison
+from scenarios.x29.printing import print_loop
 from scenarios.x29.study import LoopStudy
 from sim.closed_loop.airframe import X29
 from sim.record import Record
@@ -22,13 +24,14 @@ MAIN = "comparison.json"
 def write_loop(study: LoopStudy, folder: str | Path, *, figures: bool = True) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
-    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``history.csv`` of the filter at the refined delay,
-    ``simulation.csv`` (measured and freely simulated outputs in the window), figures, ``comparison.json`` last. Other scenarios that the
-    study used are named in it, not nested.
+    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the terminal shows), ``history.csv`` of the
+    filter at the refined delay, ``simulation.csv`` (measured and freely simulated outputs in the window), figures, ``comparison.json``
+    last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record)
         write_json(scratch / "truth.json", truth_content(study))
+        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         if figures:

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.text import Text
 
 from ident.flying_qualities.handling_qualities import Level
+from scenarios.studies.departures import choice_lines
+from scenarios.studies.text import print_choices
 from scenarios.terminal.numbers import console, number, test_line
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 from scenarios.x29.content import correlation_content
@@ -36,7 +38,9 @@ def print_loop(study: LoopStudy, out: Console | None = None) -> None:
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
-    for table in (_estimate, _states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
+    _estimate(study, out)
+    print_choices(out, choice_lines(scenario.choices))
+    for table in (_states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from scenarios.files.declarations import checked
 from scenarios.files.vehicles_schema import STRICT
 from scenarios.studies.catalogue import with_change
+from scenarios.studies.scenario_file.choices import choices_of
 from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
 from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, MarginPlan, Spike, StickPlan, Variant
 from sim.errors import DeclarationError
@@ -103,6 +104,7 @@ class _Scenario(_Strict):
     methods: list[str] = []
     margins: _Margins | None = None
     findings: str = ""
+    own: dict[str, Any] = {}
 
 
 def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> LoopScenario:
@@ -131,6 +133,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _methods(content.methods, f"{where}, key methods"),
         _margins(content, where),
         content.seed,
+        choices_of(content.own, document, f"{where}, key own"),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
+from typing import Any
 
 from scenarios.studies.declaration import PublishedChoice, Start
 from sim.errors import DeclarationError
@@ -19,12 +20,8 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
     """
     from scenarios.files.units import to_si
 
-    entry = files("scenarios.studies.published").joinpath(f"{choice.file}.toml")
     place = f"published {choice.file}, table {choice.table}"
-    if not entry.is_file():
-        raise DeclarationError("there is no such file of published numbers", where=choice.file, remedy="look into scenarios/studies/published")
-    document = tomllib.loads(entry.read_text(encoding="utf-8"))
-    table = document.get(choice.table)
+    table = _document(choice.file).get(choice.table)
     if not isinstance(table, dict) or not isinstance(table.get(choice.column), dict):
         columns = ", ".join(key for key, value in table.items() if isinstance(value, dict)) if isinstance(table, dict) else "no such table"
         raise DeclarationError(f"there is no column {choice.column!r}", where=place, remedy=f"it has {columns}")
@@ -33,3 +30,18 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
         factor = float(to_si(1.0, table["unit"], units.get(name, "1"), place, DeclarationError)) if "unit" in table else 1.0
         out[name] = Start(row["value"] * factor, row["std"] * factor)
     return out
+
+
+def published_remark(choice: PublishedChoice | None) -> str:
+    """What is to be known of a published column where it is shown; empty where there is nothing, or no column.
+
+    Raises DeclarationError where there is no such file.
+    """
+    return "" if choice is None else str(_document(choice.file).get("remarks", {}).get(choice.table, {}).get(choice.column, ""))
+
+
+def _document(file: str) -> dict[str, Any]:
+    entry = files("scenarios.studies.published").joinpath(f"{file}.toml")
+    if not entry.is_file():
+        raise DeclarationError("there is no such file of published numbers", where=file, remedy="look into scenarios/studies/published")
+    return tomllib.loads(entry.read_text(encoding="utf-8"))

@@ -8,13 +8,14 @@ from scenarios.files.own_models import OwnModel, is_model_file
 from scenarios.studies.declaration import Flight, ManeuverPlan, Repeated, Variation
 from scenarios.studies.scenario_file.own import truth_of
 from scenarios.studies.scenario_file.quantities import Quantity, density, positive, si, standard_deviations, unit_of
-from scenarios.studies.scenario_file.schema import FlightTable, Maneuver, ScenarioTable
+from scenarios.studies.scenario_file.schema import FlightTable, Maneuver, OtherFlightTable, ScenarioTable
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
 
-def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, OwnModel]) -> Flight:
-    place = f"{where}, key flight"
+def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, OwnModel], key: str = "flight") -> Flight:
+    """The flight of a checked table, SI; ``key`` is the table's in messages."""
+    place = f"{where}, key {key}"
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, fitted, where)
     if own is not None and flight.derivatives:
@@ -37,6 +38,18 @@ def flight_of(flight: FlightTable, fitted: str, where: str, files: Mapping[str, 
         own,
         flight.frequency_factor,
     )
+
+
+def other_flight_of(
+    flight: FlightTable, other: OtherFlightTable | None, fitted: str, where: str, key: str, files: Mapping[str, OwnModel]
+) -> Flight | None:
+    """The scenario's flight with what ``other`` gives in the place of its own; None without. Noise of one kind replaces both kinds."""
+    if other is None:
+        return None
+    changed = {name: value for name, value in other if value is not None}
+    if {"noise_std", "noise_variance"} & changed.keys():
+        changed = {"noise_std": {}, "noise_variance": {}, **changed}
+    return flight_of(flight.model_copy(update=changed), fitted, where, files, key)
 
 
 def own_vehicle_of(vehicle: str, values: Mapping[str, Quantity], modes: int, place: str, files: Mapping[str, OwnModel]) -> Model | None:

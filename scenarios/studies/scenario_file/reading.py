@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ident.flying_qualities.mode_levels import flown_as
 from scenarios.files.declarations import checked
 from scenarios.files.own_models import OwnModel, is_of_aircraft
 from scenarios.studies.declaration import Estimation, Flight, Mark, PublishedChoice, Scenario, Start, SweepPlan
-from scenarios.studies.scenario_file.flight import flight_of, maneuver_plans, repeated_of
+from scenarios.studies.scenario_file.choices import choices_of
+from scenarios.studies.scenario_file.flight import flight_of, other_flight_of, repeated_of
 from scenarios.studies.scenario_file.own import completed, model_files
 from scenarios.studies.scenario_file.quantities import density, positive, si, standard_deviations, unit_of
-from scenarios.studies.scenario_file.schema import EstimateTable, PublishedTable, ScenarioTable, SpreadTable
+from scenarios.studies.scenario_file.schema import EstimateTable, MethodTable, PublishedTable, ScenarioTable, SpreadTable
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 
@@ -22,7 +24,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """A Scenario from the content of its file; ``where`` names the file in messages.
 
     A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself; its tables
-    ``start``, ``initial`` and ``held`` replace whole entries, not tables.
+    ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight`` replaces keys of ``[flight]``.
 
     Raises
     ------
@@ -30,7 +32,6 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
     """
     content = checked(ScenarioTable, document, where)
     base = {key: value for key, value in document["estimate"].items()}
-    _refuse_other_maneuvers(content, where)
     files = model_files([content.flight.vehicle, content.estimate.model, *(str(change.get("model", "")) for change in content.methods)])
     flight = flight_of(content.flight, content.estimate.model, where, files)
     _refuse_words_for_aircraft(content, flight.own, where)
@@ -40,12 +41,16 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         for table in ("start", "initial", "held"):
             if isinstance(change.get(table), dict) and isinstance(base.get(table), dict):
                 merged[table] = {**base[table], **change[table]}
-        method = checked(EstimateTable, merged, where, f"methods[{number}]")
+        method, place = checked(MethodTable, merged, where, f"methods[{number}]"), f"{where}, key methods[{number}]"
         if method.name in [done.name for done in mains]:
-            raise DeclarationError(
-                f"the name {method.name!r} is taken", where=f"{where}, key methods[{number}].name", remedy="give each method a name of its own"
-            )
-        mains.append(estimation_of(method, method.name, where, flight, files))
+            raise DeclarationError(f"the name {method.name!r} is taken", where=f"{place}.name", remedy="give each method a name of its own")
+        own_flight = other_flight_of(content.flight, method.flight, method.model, where, f"methods[{number}].flight", files)
+        if method.distance and own_flight is None:
+            raise DeclarationError("this method sees the scenario's flight", where=f"{place}.distance", remedy="leave it out, or give it a flight")
+        declared = estimation_of(method, method.name, where, own_flight or flight, files)
+        choices = choices_of(method.own, merged, f"{place}.own")
+        mains.append(replace(declared, flight=own_flight, distance=method.distance or "", choices=choices))
+    _refuse_other_flights(content, mains, where)
     return Scenario(
         name,
         content.title,
@@ -58,9 +63,10 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.seed,
         flown_as(content.aircraft_class, content.flight_phase) if content.aircraft_class or content.flight_phase else None,
         tuple(file.identity for file in files.values()),
-        repeated_of(content, [each.name for each in mains], where, files) if content.repeated else None,
+        repeated_of(content, [each.name for each in mains if each.flight is None], where, files) if content.repeated else None,
         _swept(content, mains, where),
         content.determination,
+        choices_of(content.own, document, f"{where}, key own"),
     )
 
 
@@ -114,7 +120,6 @@ def estimation_of(estimate: EstimateTable, name: str, where: str, flight: Flight
         published=_choice(estimate.published),
         flown_noise_std=standard_deviations({}, estimate.flown_noise_variance, place, model),
         own=own,
-        flown_maneuvers=maneuver_plans(estimate.flown_maneuvers, f"{place}.flown_", model),
     )
     return declared if own is None else completed(declared, flight.noise_std)
 
@@ -129,14 +134,11 @@ def _refuse_words_for_aircraft(content: ScenarioTable, own: Model | None, where:
             raise DeclarationError("this is for aircraft, and none flies", where=f"{where}, key {key}", remedy="leave it out")
 
 
-def _refuse_other_maneuvers(content: ScenarioTable, where: str) -> None:
-    """Raise DeclarationError for maneuvers of a method's own where all methods see the same flights, or the flight itself says what is flown."""
-    if content.estimate.flown_maneuvers:
-        raise DeclarationError("the main method sees the flight", where=f"{where}, key estimate.flown_maneuvers", remedy="write flight.maneuvers")
-    own = [number for number, method in enumerate(content.methods, start=1) if method.get("flown_maneuvers")]
-    if own and (content.repeated or content.sweep):
-        what = "repeated flights and sweeps are flown once for all methods"
-        raise DeclarationError(what, where=f"{where}, key methods[{own[0]}].flown_maneuvers", remedy="leave it out")
+def _refuse_other_flights(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> None:
+    """Raise DeclarationError for a flight of a method's own where sweeps are flown once for all methods."""
+    own = [number for number, method in enumerate(mains) if method.flight is not None]
+    if own and content.sweep:
+        raise DeclarationError("a sweep is flown once for all methods", where=f"{where}, key methods[{own[0]}].flight", remedy="leave it out")
 
 
 def _refuse_missing(estimate: EstimateTable, own: Model | None, place: str) -> None:

@@ -13,6 +13,7 @@ from scenarios.files.vehicles_schema import STRICT, AircraftClass, FlightPhase
 from scenarios.studies.scenario_file.quantities import Quantity
 
 Name = Annotated[str, Field(min_length=1)]
+Distance = Literal["same equations and step", "same equations, finer step", "same equations, other values", "effect missing"]
 
 
 def model_name(*known: str) -> Callable[[str], str]:
@@ -119,14 +120,34 @@ class EstimateTable(Strict):
     explanation: str = ""
     published: PublishedTable | None = None
     flown_noise_variance: dict[str, str] = {}
-    flown_maneuvers: list[Maneuver] = []
+
+
+class OtherFlightTable(Strict):
+    """What a method's own flight has in the place of the scenario's; the vehicle and its true values are the same."""
+
+    duration: Quantity | None = None
+    rate: Quantity | None = None
+    step: Quantity | None = None
+    integration: Literal["rk4", "euler"] | None = None
+    maneuvers: list[Maneuver] | None = None
+    noise_std: dict[str, Quantity] | None = None
+    noise_variance: dict[str, str] | None = None
+    process_noise: dict[str, Quantity] | None = None
+
+
+class MethodTable(EstimateTable):
+    """A method beside the main one, which may have a flight and choices of its own."""
+
+    flight: OtherFlightTable | None = None
+    distance: Distance | None = None
+    own: dict[str, Any] = {}
 
 
 class ScenarioTable(Strict):
     schema_: Literal["flightid/scenario/1"] = Field(alias="schema")
     title: Name
     about: str = ""
-    distance: Literal["same equations and step", "same equations, finer step", "same equations, other values", "effect missing"]
+    distance: Distance
     seed: int = Field(default=1, ge=0)
     flight: FlightTable
     estimate: EstimateTable
@@ -138,3 +159,4 @@ class ScenarioTable(Strict):
     repeated: RepeatedTable | None = None
     sweep: SweepTable | None = None
     determination: bool = False
+    own: dict[str, Any] = {}

@@ -124,7 +124,7 @@ def test_alpha_and_q_show_three_numbers_a_state_whatever_the_maneuver(modes: int
 
 def test_a_method_may_fly_maneuvers_of_its_own(tmp_path: Path) -> None:
     own = '[{input="elevator", kind="doublet", amplitude=0.05, unit="0.5 s", start="1 s"}]'
-    scenario = load_scenario("rigid", [*COARSE, f'methods=[{{name="doublet", explanation="x", flown_maneuvers={own}}}]', "determination=true"])
+    scenario = load_scenario("rigid", [*COARSE, f'methods=[{{name="doublet", explanation="x", flight={{maneuvers={own}}}}}]', "determination=true"])
     study = run_scenario(scenario)
     other = study.methods[1]
     assert np.max(np.abs(other.result.record["elevator"].values)) == pytest.approx(0.05)
@@ -150,7 +150,7 @@ def test_a_method_may_fly_maneuvers_of_its_own(tmp_path: Path) -> None:
         ("flexibility-sweep", "estimate.modes=1", "the main method is no rigid model"),
         ("rigid", "sweep.frequency_factors=[1.0, 2.0, 3.0]", "there is no structure to soften"),
         ("rigid", "flight.frequency_factor=0.5", "it has no modal frequencies"),
-        ("rigid", 'estimate.flown_maneuvers=[{input="elevator", kind="doublet", amplitude=0.05, unit="0.5 s"}]', "the main method sees the flight"),
+        ("flexibility-sweep", 'methods=[{name="x", flight={duration="6 s"}}]', "a sweep is flown once for all methods"),
     ],
 )
 def test_what_cannot_be_swept_or_flown_is_refused(name: str, change: str, what: str, flightid: CommandLine) -> None:

@@ -111,6 +111,8 @@ USAGE: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "identify without a model": (("identify", "r.csv"), ("missing option '--model'",)),
     "an effort that there is not": (("diagnose", "r.csv", "--model", "rigid", "--effort", "heroic"), ("--effort", "no effort 'heroic'", "thorough")),
     "a campaign of one run": (("campaign", "rigid", "--runs", "1"), ("'--runs'", "2")),
+    "a campaign by no method": (("campaign", "ballistic", "--runs", "2", "--method", "one-pas"), ("--method", "no method 'one-pas'", "'one-pass'")),
+    "a campaign of one method": (("campaign", "false-alarms", "--runs", "2", "--method", "main"), ("--method", "no methods to choose from")),
     "effects": (("effects", "input-dealy"), ("no effect 'input-dealy'", "input-delay")),
     "vehicles": (("vehicles", "bomber"), ("no vehicle 'bomber'", "bomber_rigid")),
     "vehicles without a name": (("vehicles", "--diff", "bomber_ac1"), ("--diff", "name one before it")),
@@ -131,6 +133,13 @@ SCENARIOS: dict[str, tuple[str, tuple[str, ...]]] = {
     "started and held": ("estimate.held.CL_q=-15", ("key held", "under start and under held")),
     "process noise on nothing": ("estimate.process_noise.beta=1", ("key process_noise", "'beta' is no state")),
     "method": ('estimate.method="magic"', ("key estimate.method", "'magic'", "'ekf'")),
+    "reason of nothing": ('own.flight.rat="none"', ("key own.flight.rat", "no such value", "leave it out")),
+    "choice without a reason": ("own.flight.rate=7", ("key own.flight.rate", "7 is no reason", "in words")),
+    "flight of the main method": ("estimate.flight={rate=50}", ("key estimate.flight", "no such key")),
+    "another vehicle for a method": ('methods=[{name="a", flight={vehicle="bomber_ac1"}}]', ("key methods[1].flight.vehicle", "no such key")),
+    "wrong rate of a method's flight": ('methods=[{name="a", flight={rate="-5 Hz"}}]', ("key methods[1].flight.rate", "not above 0")),
+    "distance of no flight": ('methods=[{name="a", distance="same equations and step"}]', ("key methods[1].distance", "scenario's flight")),
+    "reason of a method's nothing": ('methods=[{name="a", own={term="one"}}]', ("key methods[1].own.term", "no such value")),
     "schema": ('schema="flightid/scenario/9"', ("key schema", "flightid/scenario/1")),
 }
 

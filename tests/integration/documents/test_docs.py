@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from scenarios.studies.scenario_file import schema
@@ -90,6 +91,8 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "`[flight]`": schema.FlightTable,
     "`[[flight.maneuvers]]`": schema.Maneuver,
     "`[estimate]`": schema.EstimateTable,
+    "`[[methods]]`": schema.MethodTable,
+    "`[methods.flight]`": schema.OtherFlightTable,
     "`[estimate.start]` and `[estimate.initial]`": schema.SpreadTable,
     "`published`": schema.PublishedTable,
     "`[repeated]`": schema.RepeatedTable,
@@ -107,6 +110,11 @@ def documented(title: str) -> dict[str, str]:
     return {key.strip().strip("`"): default.strip() for key, default, *_ in rows}
 
 
+def own_fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a table but those that it takes over from another one, which are documented there."""
+    return {name: model.model_fields[name] for name in model.__annotations__}
+
+
 def shown(default: object) -> str:
     if default is PydanticUndefined:
         return "required"
@@ -120,7 +128,7 @@ def shown(default: object) -> str:
 @pytest.mark.parametrize("title", SECTIONS)
 def test_scenario_keys_and_defaults_are_documented(title: str) -> None:
     model = SECTIONS[title]
-    assert documented(title) == {field.alias or name: shown(field.default) for name, field in model.model_fields.items()}
+    assert documented(title) == {field.alias or name: shown(field.default) for name, field in own_fields(model).items()}
 
 
 def test_every_scenario_is_listed_with_its_title_and_fits_a_terminal(flightid: CommandLine) -> None:
@@ -136,7 +144,7 @@ def test_every_choice_of_a_scenario_is_documented() -> None:
     text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
     for title, model in SECTIONS.items():
         section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
-        for field in model.model_fields.values():
+        for field in own_fields(model).values():
             for choice in choices(field.annotation):
                 assert f"`{choice}`" in section, (title, choice)
 
