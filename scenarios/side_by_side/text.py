@@ -53,6 +53,8 @@ def _print(
 ) -> None:
     """One table, in as many parts as the terminal's width asks for; each has title and parameters. Rows that say nothing are left out."""
     names = [name for name in names if any(_cell(compared.value(name, study), cell) != "-" for study in compared.columns)]
+    if not names:
+        return
     fixed = [Column("parameter", names, left=True), Column("unit", [compared.unit(name) for name in names], left=True), *further]
     rest = [Column(study.label, [_cell(compared.value(name, study), cell) for name in names]) for study in compared.columns]
     rest = [column for column in rest if set(column.cells) != {"-"}]

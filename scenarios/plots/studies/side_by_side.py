@@ -80,7 +80,8 @@ def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Seque
         sizes = [max(abs(each.estimate), *(abs(x) for x in (each.true, each.condensed) if x is not None), 0.0) for each in row if each is not None]
         plain_unit = DisplayUnit("rad/s") if name.endswith("frequency") else display_unit(units[name])
         unit = scaled_unit(plain_unit, plain_unit.factor * max(sizes))
-        caption(panel, axis_label(name, unit))
+        label = axis_label(name, unit)
+        caption(panel, label if "$" in label else label.replace("_", " "))
         for x, each in enumerate(row):
             if each is not None:
                 _draw_estimate(panel, float(x), each, unit.factor)

@@ -111,7 +111,7 @@ def test_methods_and_diagnoses_are_columns_too(tmp_path: Path, flightid: Command
     assert content["parameters"]["beta"]["studies"]["b/s"]["error_sigmas"] == pytest.approx(5.0)
     assert "in different units, therefore not compared: k" in printed
     both = flightid.done("compare", one, "--methods")
-    assert "s:other" in both and "3.00 +- 0.10" in both
+    assert "s:other" in both and "3.00 +- 0.10" in both and "error" not in both, "no truth, no table of errors"
 
 
 def test_what_cannot_be_compared_is_refused(tmp_path: Path, flightid: CommandLine) -> None:
