@@ -1,22 +1,18 @@
-"""The studies of the page: those that are there, and those that are run."""
+"""The studies of the page: those that are there, and those that are run, each as a user would."""
 
 from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
-from scenarios.studies.catalogue import load_scenario, scenario_kind
-from scenarios.studies.files import write_study
-from scenarios.studies.repeated import fly_repeatedly
-from scenarios.studies.study import run_scenario
 from scenarios.trials.reproduction.declaration import Paper
 from scenarios.trials.reproduction.lookups import split
-from scenarios.x29.files import write_loop
-from scenarios.x29.study import loop_scenario, run_loop
 from sim.errors import DeclarationError
 
 
@@ -37,36 +33,28 @@ def studies_of(paper: Paper) -> Iterator[str]:
 
 
 def study_in(folder: Path, name: str) -> Path:
-    """The study of a scenario in ``folder``, run if it is not there; returns its folder. Raises DeclarationError where another one lies there."""
+    """The study of a scenario in ``folder``, run with its own seed if it is not there; returns its folder.
+
+    Raises
+    ------
+    DeclarationError : it cannot be run, or another study lies there.
+    """
     place = folder / name
     main = place / "comparison.json"
     if not main.is_file():
-        _run(name, place)
+        ran = subprocess.run([sys.executable, "-m", "scenarios", "run", name, "--out", str(place)], capture_output=True, text=True, check=False)
+        if ran.returncode:
+            told = ran.stderr.strip().splitlines() or ["no word of it"]
+            raise DeclarationError(told[-1], where=f"flightid run {name}", remedy="see what the command says")
     found = json.loads(main.read_text(encoding="utf-8")).get("scenario")
     if found != name:
         raise DeclarationError(f"the study of {found} lies there", where=str(place), remedy="name a folder with studies by their scenarios' names")
     return place
 
 
-def _run(name: str, place: Path) -> None:
-    kind = scenario_kind(name)
-    if kind == "identification":
-        scenario = load_scenario(name)
-        write_study(replace(run_scenario(scenario), repeated=fly_repeatedly(scenario, None)), place)
-    elif kind == "x29":
-        write_loop(run_loop(loop_scenario(name), None), place)
-    else:
-        raise DeclarationError(f"a scenario of kind {kind!r} has no study of a paper", where=name, remedy="name one that estimates parameters")
-
-
 def run_all(folder: Path, names: Iterable[str], jobs: int) -> Iterator[str]:
-    """Run what is not there yet on ``jobs`` processes; yields each name when its study is there, in their order."""
+    """Run what is not there yet, ``jobs`` at a time; yields each name when its study is there, in their order."""
     names = tuple(names)
-    if jobs == 1:
-        for name in names:
-            study_in(folder, name)
-            yield name
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        for name, _ in zip(names, pool.map(study_in, [folder] * len(names), names), strict=True):
+    with ThreadPoolExecutor(jobs) as pool:
+        for name, _ in zip(names, pool.map(partial(study_in, folder), names), strict=True):
             yield name

@@ -16,7 +16,7 @@ from scenarios.trials.reproduction.declaration import Matrix, Paper, Part, State
 from scenarios.trials.reproduction.lookups import Found, Numbers, from_studies, number_in, settling_time
 from scenarios.trials.reproduction.page import page_of, table
 from scenarios.trials.reproduction.rows import Row, rows_of
-from scenarios.trials.reproduction.running import study_in
+from scenarios.trials.reproduction.running import run_all, study_in
 from scenarios.trials.reproduction.statements import cells_of, combined, holds, told
 from sim.errors import DeclarationError
 
@@ -219,8 +219,9 @@ def test_what_lies_in_the_folder_is_not_run_again_and_must_be_the_study(folder: 
     (folder.parent / "two" / "comparison.json").write_text(json.dumps(STUDY))
     with pytest.raises(DeclarationError, match="the study of one lies there"):
         study_in(folder.parent, "two")
-    with pytest.raises(DeclarationError, match="has no study of a paper"):
-        study_in(folder.parent, "trace-delay")
+    with pytest.raises(DeclarationError, match="there is no scenario 'three'"):
+        study_in(folder.parent, "three")
+    assert [*run_all(folder.parent, ["one"], 2)] == ["one"]
 
 
 @pytest.mark.parametrize(
