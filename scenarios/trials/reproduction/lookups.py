@@ -57,7 +57,7 @@ def number_in(folder: Path, method: str, path: str) -> Found:
     if path.endswith("^2"):
         return Found(number_in(folder, method, path.removesuffix("^2")).value ** 2)
     content = _content(folder / "comparison.json")
-    base = content if method in ("", "main") else content["plain"] if method == "plain" else content["methods"][method]
+    base = content if not method else content["plain"] if method == "plain" else _method(content["methods"], method)
     first, _, rest = path.partition(".")
     if first == "files":
         return Found(1.0) if rest in content["files"] and (folder / rest).is_file() else _absent(path)
@@ -79,6 +79,11 @@ def number_in(folder: Path, method: str, path: str) -> Found:
 @cache
 def _content(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
+
+
+def _method(methods: Any, name: str) -> Any:
+    """One of a study's further methods, which stand by name or as a list."""
+    return next(each for each in methods if each["name"] == name) if isinstance(methods, list) else methods[name]
 
 
 def _absent(path: str) -> Found:
