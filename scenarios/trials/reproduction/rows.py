@@ -13,6 +13,7 @@ from sim.errors import DeclarationError
 
 # What the low-order fit to a loop's own frequency response finds; L_q is held in it.
 LOOP = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "natural_frequency", "damping_ratio", "delay")
+SAME = 1e-4  # relative: what units and the digits that are kept leave
 CLOSE = 2.0  # sigmas beyond which a row says why
 
 
@@ -114,7 +115,13 @@ def _difference(group: Values, printed: Printed, ours: Found, sigmas: float | No
             return f"{sigmas:+.1f}" if printed.upper is None or sigmas else "inside"
         return f"{100.0 * (ours.value / float(printed.value) - 1.0):+.1f} %"
     if group.compare == "ratio":
-        return "same" if float(printed.value) == ours.value else "not zero" if not printed.value else f"x {ours.value / float(printed.value):.3g}"
+        return (
+            "same"
+            if math.isclose(float(printed.value), ours.value, rel_tol=SAME)
+            else "not zero"
+            if not printed.value
+            else f"x {ours.value / float(printed.value):.3g}"
+        )
     return f"{ours.value - float(printed.value):+.2f}" if group.compare == "difference" else "not compared"
 
 
