@@ -83,8 +83,8 @@ def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
         flown = [_matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start) for place in rows]
-        phases = [np.array([each.margins.phase for each in found]) for found in (simulated, flown)]
-        designs.append(Design(name, rows, *phases, np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])))
+        both = np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])
+        designs.append(Design(name, rows, _phases(simulated), _phases(flown), both))
     middle, effects, explained = _line(designs)
     return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
 
@@ -150,6 +150,10 @@ def _matched(loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], b
     nearer, earlier = loop_of(0.5 * place)
     again = match(x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer))
     return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
+
+
+def _phases(found: list[Matched]) -> np.ndarray:
+    return np.array([each.margins.phase for each in found])
 
 
 def _line(designs: list[Design]) -> tuple[float, dict[str, float], float]:
