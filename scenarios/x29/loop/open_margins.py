@@ -6,15 +6,18 @@ then do is what the paper's numbers leave open. python-control's margins through
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from scenarios.x29.declaration import MarginPlan
 from scenarios.x29.loop.matching import Beginning, Matched, Target, beginning, beginning_at, match, targets
 from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
 from sim.closed_loop.airframe import X29
+from sim.closed_loop.linear import Margins, margins
+from sim.closed_loop.reader import load_x29
 
 AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
 ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them
@@ -71,6 +74,21 @@ class OpenMargins:
         effect = self.effects.get(name, 0.0)
         place = -self.declared / effect if effect else np.inf
         return next(item for item in OPEN if item.name == name).at(place) if abs(place) <= 1.0 else None
+
+
+def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
+    """Margins of airframes by name, and of the one that a plan shows beside them."""
+    names = [*airframes, *([] if plan is None else [plan.beside])]
+    return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
+
+
+def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
+    """The study of the first two airframes of ``found``, flight and simulation; None where there is no plan, no sample or no second airframe."""
+    if plan is None or not plan.samples or len(found) < 2:
+        return None
+    flight, simulation = list(found)[:2]
+    declared = found[flight].phase - found[simulation].phase
+    return open_margins(load_x29(simulation), load_x29(flight), plan.samples, plan.seed, declared)
 
 
 def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared: float) -> OpenMargins:
