@@ -16,6 +16,7 @@ from scenarios.plots.histories import sound_samples
 from scenarios.plots.style import BLACK, BLUE, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, time_axis, y_label
 
 EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # of a Gaussian, outside two standard deviations
+OF_PRIOR = 5.0  # bounds so many times as wide as nine in ten others are the prior's
 _FEWEST = 8  # samples from which an autocorrelation says anything
 
 
@@ -56,12 +57,19 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
     panel.plot(time, 2.0 * std, color=VERMILION, linewidth=1.1, label="±2σ bounds")
     panel.plot(time, -2.0 * std, color=VERMILION, linewidth=1.1)
     limit = _limit(innovation, std)
+    beyond = np.abs(innovation) > limit
+    if beyond.any():
+        edge = 0.97 * limit * np.sign(innovation[beyond])
+        label = "innovation beyond the axis"
+        panel.plot(time[beyond], edge, color=BLACK, linestyle="none", marker="d", markersize=5.0, markeredgewidth=0.0, label=label)
     panel.set_ylim(-limit, limit)
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Where the axis ends: the first bounds come from the prior and may dwarf all others; the innovations themselves are all shown."""
-    return 1.15 * max(float(np.abs(innovation).max()), 2.0 * float(np.quantile(std, 0.9)))
+    """Where the axis ends: the first bounds come from the prior and may dwarf all others, and so may innovations within them."""
+    usual = float(np.quantile(std, 0.9))
+    of_prior = std > OF_PRIOR * usual
+    return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:

@@ -56,8 +56,18 @@ class LikelihoodCurve:
     refined_std: float
 
 
-def figure_side_by_side(first: Mapping[str, Bar], second: Mapping[str, Bar], first_label: str, second_label: str, title: str = "") -> Figure:
-    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig. 8 of NASA TM-101722)."""
+def figure_side_by_side(
+    first: Mapping[str, Bar],
+    second: Mapping[str, Bar],
+    first_label: str,
+    second_label: str,
+    title: str = "",
+    printed: Sequence[Mapping[str, float]] = (),
+) -> Figure:
+    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig. 8 of NASA TM-101722).
+
+    ``printed`` : of both, what a paper prints, in the same units; drawn beside them.
+    """
     names = [name for name in first if name in second]
     columns = 4
     rows = -(-len(names) // columns)
@@ -81,6 +91,10 @@ def figure_side_by_side(first: Mapping[str, Bar], second: Mapping[str, Bar], fir
                 linewidth=1.2,
                 label=plain(f"{label} ±2σ"),
             )
+        for x, cells in zip((0.25, 1.25), printed, strict=False):
+            if name in cells:
+                value = [unit.factor * cells[name]]
+                panel.plot([x], value, color=BLACK, linestyle="none", marker="D", markersize=4.0, fillstyle="none", label="published")
         panel.set_xlim(-0.6, 1.6)
         panel.set_xticks([])
         panel.margins(y=0.2)

@@ -25,6 +25,7 @@ from scenarios.plots.signals import Response, figure_fit, figure_record, units_o
 from scenarios.x29.loop.linear_check import OUTPUTS
 from scenarios.x29.loop.open_margins import OpenMargins
 from scenarios.x29.loop.open_values import OPEN
+from scenarios.x29.published import printed_column
 from scenarios.x29.study import LoopStudy, Result
 
 SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
@@ -45,7 +46,7 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
         shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
         other = figure_fit(study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None)
         save_figure(other, folder, "fit_other")
-        save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title), folder, "compared")
+        save_figure(figure_side_by_side(_bars(study.other), _bars(result), label, "this study", title, _printed(study)), folder, "compared")
     save_figure(figure_innovations(history, estimate.output_names, units_of(record, estimate.output_names), title), folder, "innovations")
     system = result.setting.system
     items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
@@ -77,6 +78,13 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
         found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
         rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
         save_figure(figure_peaks(rows, words, title), folder, "variants")
+
+
+def _printed(study: LoopStudy) -> list[dict[str, float]]:
+    """Printed values of the other scenario's column and of this one's, as far as there are any."""
+    scenarios = (study.other.scenario if study.other is not None else None, study.scenario)
+    columns = [scenario.published[0] if scenario is not None and scenario.published else "" for scenario in scenarios]
+    return [{name: cell.value for name, cell in printed_column(each).items()} if each else {} for each in columns]
 
 
 def _draw_margins(study: LoopStudy, found: OpenMargins, folder: Path) -> None:
