@@ -7,11 +7,19 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from scenarios.plots.closed_loop import figure_linear, figure_open_margins
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.files import save_figure
 from scenarios.plots.innovations import figure_innovations
-from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
+from scenarios.plots.low_order import (
+    Bar,
+    LikelihoodCurve,
+    figure_delays,
+    figure_linear,
+    figure_open_margins,
+    figure_peaks,
+    figure_side_by_side,
+    figure_states,
+)
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, units_of
 from scenarios.x29.loop.linear_check import OUTPUTS
@@ -57,8 +65,8 @@ def draw_loop(study: LoopStudy, folder: Path) -> None:
     save_figure(figure_delays(curve, title), folder, "delays")
     if (check := study.linear) is not None:
         units, words = ("rad", "rad/s", "g"), f"{title}\nflown and linear"
-        shown = figure_linear(check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
-        save_figure(shown, folder, "linear")
+        drawn = figure_linear(check.time, check.flown, check.linear, OUTPUTS, units, check.sticks, check.curves, words)
+        save_figure(drawn, folder, "linear")
     if study.open_margins is not None:
         _draw_margins(study, study.open_margins, folder)
     if study.variants and study.scenario.peak is not None:

@@ -19,13 +19,12 @@ from scenarios.x29.declaration import LoopScenario
 from scenarios.x29.estimating import SETTLED, Plain, SetUp, free_simulation, plain, refined, set_up, started_again
 from scenarios.x29.flying import Flown, fly_loop, low_order_model
 from scenarios.x29.loop.linear_check import LinearCheck, linear_check
-from scenarios.x29.loop.open_margins import OpenMargins, open_margins
+from scenarios.x29.loop.open_margins import OpenMargins, margins_of, planned_margins
 from scenarios.x29.measures import Misfit, misfit, sensor_noise
 from scenarios.x29.methods import MethodResult, Restarts, Ways, all_restarts, other_side, run_methods
 from scenarios.x29.variants import VariantResult, run_variant
 from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
-from sim.closed_loop.linear import Margins, margins
-from sim.closed_loop.reader import load_x29
+from sim.closed_loop.linear import Margins
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Noise
 from sim.errors import DeclarationError, RecordError
@@ -141,7 +140,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
-    found_margins = _margins(scenario, other)
+    found_margins = margins_of([scenario.flight.airframe, *([] if other is None else [other.flown.x29.name])], scenario.margins)
     estimate = result.estimate
     z, valid = setting.record.output_array(estimate.output_names)
     return LoopStudy(
@@ -168,24 +167,8 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         found_margins,
         None if setting.engine is BATCHED else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
         None if flown.truth is None or not flown.truth.stick.any() else linear_check(flown.x29, flown.truth),
-        _open_margins(scenario, found_margins),
+        planned_margins(scenario.margins, found_margins),
     )
-
-
-def _margins(scenario: LoopScenario, other: Result | None) -> dict[str, Margins]:
-    """Margins of the airframe, of the one compared with, and of the one beside them."""
-    beside = [] if scenario.margins is None else [scenario.margins.beside]
-    names = [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name]), *beside]
-    return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
-
-
-def _open_margins(scenario: LoopScenario, found: Mapping[str, Margins]) -> OpenMargins | None:
-    """The study of the margins of the first two airframes of ``found``."""
-    plan, names = scenario.margins, list(found)
-    if plan is None or not plan.samples or len(names) < 2:
-        return None
-    declared = found[names[0]].phase - found[names[1]].phase
-    return open_margins(load_x29(names[1]), load_x29(names[0]), plan.samples, plan.seed, declared)
 
 
 def response_check(result: Result) -> ResponseCheck:

@@ -153,7 +153,7 @@ def _system(fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome
 
 
 def equivalent_response(values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)``, ``(3, k, n)``."""
+    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``."""
     L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (values[name] for name in FITTED_NAMES)
     s = 1j * omega
     delta = inv_tau / (s + inv_tau) * np.exp(-s * delay)

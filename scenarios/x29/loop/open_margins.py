@@ -6,15 +6,18 @@ then do is what the paper's numbers leave open. python-control's margins through
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from scenarios.x29.declaration import MarginPlan
 from scenarios.x29.loop.matching import Beginning, Matched, Target, beginning, beginning_at, match, targets
 from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
 from sim.closed_loop.airframe import X29
+from sim.closed_loop.linear import Margins, margins
+from sim.closed_loop.reader import load_x29
 
 AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
 ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them
@@ -73,6 +76,21 @@ class OpenMargins:
         return next(item for item in OPEN if item.name == name).at(place) if abs(place) <= 1.0 else None
 
 
+def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
+    """Margins of airframes by name, and of the one that a plan shows beside them."""
+    names = [*airframes, *([] if plan is None else [plan.beside])]
+    return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
+
+
+def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
+    """The study of the first two airframes of ``found``, flight and simulation; None where there is no plan, no sample or no second airframe."""
+    if plan is None or not plan.samples or len(found) < 2:
+        return None
+    flight, simulation = list(found)[:2]
+    declared = found[flight].phase - found[simulation].phase
+    return open_margins(load_x29(simulation), load_x29(flight), plan.samples, plan.seed, declared)
+
+
 def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared: float) -> OpenMargins:
     """Run the study for the two declared aircraft; ``declared`` is the difference of their own margins, deg."""
     places = hypercube(samples, seed)
@@ -83,8 +101,8 @@ def open_margins(simulation: X29, flight: X29, samples: int, seed: int, declared
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
         flown = [_matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start) for place in rows]
-        phases = [np.array([each.margins.phase for each in found]) for found in (simulated, flown)]
-        designs.append(Design(name, rows, *phases, np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])))
+        both = np.array([a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)])
+        designs.append(Design(name, rows, _phases(simulated), _phases(flown), both))
     middle, effects, explained = _line(designs)
     return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
 
@@ -150,6 +168,10 @@ def _matched(loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], b
     nearer, earlier = loop_of(0.5 * place)
     again = match(x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer))
     return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
+
+
+def _phases(found: list[Matched]) -> np.ndarray:
+    return np.array([each.margins.phase for each in found])
 
 
 def _line(designs: list[Design]) -> tuple[float, dict[str, float], float]:

@@ -54,7 +54,8 @@ def test_linear_response_is_that_of_the_oracle_without_break_out_and_gearing() -
 
 def test_limits_show_where_they_are_met() -> None:
     slow = load_x29("P")
-    slow = replace(slow, surfaces=tuple(replace(surface, rate=0.2 * surface.rate) for surface in slow.surfaces))
+    canard, flaperon, strake = (replace(surface, rate=0.2 * surface.rate) for surface in slow.surfaces)
+    slow = replace(slow, surfaces=(canard, flaperon, strake))
     found = linear_check(slow, fly_closed_loop(slow, three_two_one_one(1.0, 0.25, 0.2), DURATION)[1])
     assert found.limited > 0.05 and found.apart["the limits"] > 0.01
     assert found.apart["none of these"] < 1e-12, "without its limits the loop is the linear one again"
