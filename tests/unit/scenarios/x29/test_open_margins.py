@@ -63,7 +63,7 @@ def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> 
     found = match(x29, late, goal, begin)
     # Second search, begun beside it: nested, by SciPy with its own slopes. It finds the same sum of squares and no better one.
     best = least_squares(
-        lambda p: [(getattr(equivalent_of(changed(x29, p), late), name) - goal[name].value) / goal[name].std for name in MATCHED],
+        lambda p: [(getattr(equivalent_of(changed(x29, p), late, found.equivalent), name) - goal[name].value) / goal[name].std for name in MATCHED],
         found.found * np.array([1.002, 1.05, 0.98, 1.05]),
         x_scale=np.array([0.1, 3.0, 0.1, 0.01]),
         diff_step=1e-4,
