@@ -122,6 +122,8 @@ def test_what_is_said_follows_the_points() -> None:
     assert mixed.turning("damping_flight") == pytest.approx(2.0**0.5) and mixed.turning("surfaces_flight") is None
     said = margins_sentence(mixed)
     assert f"in {mixed.designs[0].larger} of 40" in said and "do not decide the sign" in said and "pitch damping, flight, times 1.41" in said
-    assert "decide the sign" in (never := margins_sentence(straight(-9.0, 4.0))) and "do not" not in never and "by itself" not in never
+    never = margins_sentence(straight(-9.0, 4.0))
+    assert "none of these has its sign" in never and "decide" not in never and "by itself" not in never
+    assert "all of these have its sign" in margins_sentence(straight(9.0, 4.0))
     nothing = replace(mixed.designs[0], plausible=np.zeros(40, dtype=bool))
     assert "no point has the paper's equivalents" in margins_sentence(replace(mixed, designs=(nothing,), effects={}))
