@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from ident.estimate import Estimate
 from scenarios.x29.loop.linear_check import linear_sentence
+from scenarios.x29.loop.matching import FLIGHTS, has_equivalent, targets
 from scenarios.x29.loop.open_margins import margins_sentence
 from scenarios.x29.paper.sentences import paper_sentences
 from scenarios.x29.study import LoopStudy
 from scenarios.x29.verdicts import HALF_FRAME, verdicts
+from sim.closed_loop.reader import load_x29
 
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency
@@ -108,5 +110,7 @@ def _margins(study: LoopStudy) -> list[str]:
     out = f"margins of the loop broken at the command: {', '.join(told)}; {PAPER_PHASE}: that of {own} is {word} than that of {against}"
     for name, each in beside:
         larger = "larger" if each.phase > theirs.phase else "smaller"
-        out += f", that of {name}, whose low-order equivalent is the paper's flight as well, {larger}"
+        column = study.scenario.published[0] if study.scenario.published else ""
+        same = column in FLIGHTS and has_equivalent(load_x29(name), targets(column))
+        out += f", that of {name}{', whose low-order equivalent is the published one as well,' if same else ''} {larger}"
     return [out, *([] if study.open_margins is None else [margins_sentence(study.open_margins)])]

@@ -123,6 +123,12 @@ def _slopes(x29: X29, late: float, wanted: Mapping[str, Target], p: np.ndarray, 
     return np.array(each).T
 
 
+def has_equivalent(x29: X29, wanted: Mapping[str, Target]) -> bool:
+    """Whether an aircraft as declared has an equivalent, within what counts as plausible."""
+    found = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
+    return float(found @ found) <= PLAUSIBLE
+
+
 def changed(x29: X29, p: np.ndarray) -> X29:
     """The aircraft with what is looked for in place: L_alpha, M_alpha, a factor on the surfaces' moments, the time constant of the stick's lag."""
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()

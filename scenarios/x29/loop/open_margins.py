@@ -154,8 +154,8 @@ def margins_sentence(found: OpenMargins) -> str:
             out += f"; by itself would turn the sign of the declared airframes: {turned}"
     larger, plausible = sum(each.larger for each in found.designs), sum(int(each.plausible.sum()) for each in found.designs)
     if plausible:
-        decided = "do not decide the sign" if 0 < larger < plausible else "decide the sign"
-        out += f": the paper's numbers {decided}"
+        mixed = "the paper's numbers do not decide the sign"
+        out += f": {mixed if 0 < larger < plausible else 'none of these has its sign' if larger == 0 else 'all of these have its sign'}"
     return out
 
 

@@ -42,9 +42,9 @@ OPEN = (
     OpenValue("surfaces", "surfaces' bandwidth, both", 0.8, 1.25),
     OpenValue("sensors", "sensors' bandwidth, both", 0.8, 1.25),
     OpenValue("computing", "computing delay, both, frames", 0.5, 1.5, ratio=False),
-    OpenValue("damping_simulation", "pitch damping of S, times", 0.5, 2.0),
-    OpenValue("damping_flight", "pitch damping of F, times", 0.5, 2.0),
-    OpenValue("lift_flight", "lift of F's surfaces, times", 0.5, 2.0),
+    OpenValue("damping_simulation", "pitch damping, simulation, times", 0.5, 2.0),
+    OpenValue("damping_flight", "pitch damping, flight, times", 0.5, 2.0),
+    OpenValue("lift_flight", "lift of the surfaces, flight, times", 0.5, 2.0),
     OpenValue("surfaces_flight", "surfaces' bandwidth, flight over simulation", 0.8, 1.25, between=True),
     OpenValue("computing_flight", "computing delay, flight less simulation, frames", -0.5, 0.5, ratio=False, between=True),
 )

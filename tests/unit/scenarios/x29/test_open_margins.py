@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from scenarios.x29.loop.matching import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, match, targets
+from scenarios.x29.loop.matching import MATCHED, PLAUSIBLE, Beginning, Target, beginning, changed, equivalent_of, has_equivalent, match, targets
 from scenarios.x29.loop.open_margins import AIRFRAMES, EVERYTHING, Design, OpenMargins, margins_content, margins_sentence, open_margins
 from scenarios.x29.loop.open_values import OPEN, flown_loop, hypercube, simulated_loop, values_at
 from sim.closed_loop.equivalent import equivalent_system
@@ -63,7 +63,7 @@ def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> 
     found = match(x29, late, goal, begin)
     # Second search, begun beside it: nested, by SciPy with its own slopes. It finds the same sum of squares and no better one.
     best = least_squares(
-        lambda p: [(getattr(equivalent_of(changed(x29, p), late), name) - goal[name].value) / goal[name].std for name in MATCHED],
+        lambda p: [(getattr(equivalent_of(changed(x29, p), late, found.equivalent), name) - goal[name].value) / goal[name].std for name in MATCHED],
         found.found * np.array([1.002, 1.05, 0.98, 1.05]),
         x_scale=np.array([0.1, 3.0, 0.1, 0.01]),
         diff_step=1e-4,
@@ -88,6 +88,7 @@ def test_airframe_d_has_the_papers_equivalent_and_its_sign() -> None:
     d, goal = load_x29("D"), targets("flight")
     loop = equivalent_system(d)
     assert sum(((getattr(loop, name) - target.value) / target.std) ** 2 for name, target in goal.items()) < PLAUSIBLE
+    assert has_equivalent(d, goal) and not has_equivalent(load_x29("S"), goal)
     assert 0.84 < loop.damping_ratio < 0.92 and loop.natural_frequency == pytest.approx(4.6965, rel=0.02)
     assert loop.delay == pytest.approx(equivalent_system(load_x29("F")).delay, abs=0.001)
     phases = {name: margins(load_x29(name)).phase for name in ("S", "F", "D")}
@@ -120,7 +121,9 @@ def test_what_is_said_follows_the_points() -> None:
     mixed = straight(-2.0, 4.0)
     assert mixed.turning("damping_flight") == pytest.approx(2.0**0.5) and mixed.turning("surfaces_flight") is None
     said = margins_sentence(mixed)
-    assert f"in {mixed.designs[0].larger} of 40" in said and "do not decide the sign" in said and "pitch damping of F, times 1.41" in said
-    assert "decide the sign" in (never := margins_sentence(straight(-9.0, 4.0))) and "do not" not in never and "by itself" not in never
+    assert f"in {mixed.designs[0].larger} of 40" in said and "do not decide the sign" in said and "pitch damping, flight, times 1.41" in said
+    never = margins_sentence(straight(-9.0, 4.0))
+    assert "none of these has its sign" in never and "decide" not in never and "by itself" not in never
+    assert "all of these have its sign" in margins_sentence(straight(9.0, 4.0))
     nothing = replace(mixed.designs[0], plausible=np.zeros(40, dtype=bool))
     assert "no point has the paper's equivalents" in margins_sentence(replace(mixed, designs=(nothing,), effects={}))
