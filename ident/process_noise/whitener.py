@@ -133,9 +133,7 @@ def likelihood_slopes(filter: Whitener, residual: Filtered, slopes: NoiseSlopes,
     return LikelihoodSlopes(gradient + columns.T @ e.reshape(-1), information + columns.T @ columns)
 
 
-def _slopes_of_some(
-    filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
-) -> tuple[np.ndarray, np.ndarray]:
+def _slopes_of_some(filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
     """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of normalised innovations ``((K + 1) m, d)``."""
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]

@@ -30,7 +30,6 @@ from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import Rows
 from sim.errors import ModelError
 
-
 _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 
