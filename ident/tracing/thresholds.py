@@ -117,7 +117,7 @@ SURE_OF_COMPANY = 4.0  # theorem: standard deviations of chance (Bartlett), the 
 # How finely is it computed?
 SLOPE_STEP = 1e-4  # of a parameter's declared size
 COARSE = 0.025  # s, a sub-step that ranks candidates well enough
-WORTH_A_FORK = 300_000  # samples of all outputs times candidates: half a second of screening, against hundredths of one for a fork
+WORTH_A_FORK = 150_000  # samples of all outputs times candidates: two tenths of a second of screening, against hundredths for a fork
 PLACES = 60  # over the record, for effects that may begin anywhere
 AUTOREGRESSION = 12  # order: covers half a second at 25 Hz
 BOOTSTRAP_DRAWS = 400  # a scatter is then known to 4 per cent

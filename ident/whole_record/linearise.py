@@ -49,7 +49,7 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
     driven = _drive(problem, p, by_parameter)
-    ends = interval_ends(problem, X, driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))
+    ends = interval_ends(problem, list(X), driven.spread(columns, width), _shifted(problem, p, columns, by_parameter, width))
     base = ends[:, 0].real
     A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
     B = np.zeros((n_x, n_p, guess.shape[1] - 1))

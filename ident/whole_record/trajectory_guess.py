@@ -60,7 +60,7 @@ def _ends(problem: RecordProblem, X: np.ndarray, drive: Drive, p: Sequence[float
     """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a complex step of each: ``(f, 1 + f, K)``."""
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
-    return interval_ends(problem, start, drive, [float(v) for v in p])[list(free)]
+    return interval_ends(problem, list(start), drive, [float(v) for v in p])[list(free)]
 
 
 def simulated_in_turn(

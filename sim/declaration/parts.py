@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from operator import itemgetter
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from sim.declaration.effect import (
     Anticipating,
@@ -29,6 +30,8 @@ from sim.declaration.model import Model
 from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import Rows
 from sim.errors import ModelError
+
+_FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +76,10 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
     equations = model.equations
     chosen = _chosen_outputs(model, outputs)
     wanted = {signal.name for signal in chosen}
-    inputs: list[InputEffect] = in_order([effect for effect in model.effects if isinstance(effect, InputEffect)])
-    found: list[SensorEffect] = in_order([effect for effect in model.effects if isinstance(effect, SensorEffect)])
+    inputs: list[InputEffect] = in_order(_following(model, InputEffect))
+    found: list[SensorEffect] = in_order(_following(model, SensorEffect))
     sensors = [effect for effect in found if effect.channel in wanted]
-    dynamics = [effect for effect in model.effects if isinstance(effect, DynamicsEffect)]
+    dynamics = _following(model, DynamicsEffect)
     moved_in, moved_out = (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
     states = list(equations.states)
     for effect in dynamics:
@@ -91,19 +94,31 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         chosen,
         tuple(effect for effect in inputs if effect not in moved_in),
         tuple(moved_in),
-        tuple(effect for effect in model.effects if isinstance(effect, ParameterEffect)),
-        tuple(effect for effect in model.effects if isinstance(effect, GroupEffect)),
+        tuple(_following(model, ParameterEffect)),
+        tuple(_following(model, GroupEffect)),
         tuple(dynamics),
-        tuple(in_order([effect for effect in model.effects if isinstance(effect, ReadingEffect)])),
+        tuple(in_order(_following(model, ReadingEffect))),
         tuple(effect for effect in sensors if effect not in moved_out),
         tuple(moved_out),
-        tuple(effect for effect in model.effects if isinstance(effect, ClockEffect)),
+        tuple(_following(model, ClockEffect)),
         tuple(states),
         slices,
         {effect.name: _gather(model, effect) for effect in model.effects},
         _gather_named(model.parameters, equations.parameter_names, "vehicle_parameters"),
         {name: model.parameters.index(f"bias_{name}") for name in model.biases},
     )
+
+
+def _following(model: Model, protocol: Any) -> list[Any]:
+    """The effects of a model that follow a protocol: asked once for each class, since the answer looks at every attribute."""
+    found = []
+    for effect in model.effects:
+        known = _FOLLOWED.setdefault(type(effect), {})
+        if protocol not in known:
+            known[protocol] = isinstance(effect, protocol)
+        if known[protocol]:
+            found.append(effect)
+    return found
 
 
 def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal, ...]:

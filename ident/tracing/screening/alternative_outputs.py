@@ -41,7 +41,7 @@ def base_motion(problem: RecordProblem, p: np.ndarray, states: np.ndarray, known
     start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
     start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
     with np.errstate(all="ignore"):
-        ends = interval_ends(problem, start, drive, p.tolist())[:known]
+        ends = interval_ends(problem, list(start), drive, p.tolist())[:known]
         A = (ends[:, 1:] - ends[:, :1]) / steps[:, None]
         defects = ends[:, 0] - states[:known, 1:]
         return BaseMotion(A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0])

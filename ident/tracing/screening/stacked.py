@@ -111,7 +111,7 @@ def _interval_slopes(
     """Slopes of the states after each interval by those before, ``(nx, nx, K)``, and by the parameters ``(nx, c, K)``."""
     n_x = len(states)
     X = _spread(states[:, :-1], by_state, 1 + n_x + len(steps))
-    ends = interval_ends(problem, X, drive, rows)
+    ends = interval_ends(problem, list(X), drive, rows)
     change = ends[:, 1:] - ends[:, :1]
     return change[:, :n_x] / by_state[:, None], change[:, n_x:] / steps[:, None]
 

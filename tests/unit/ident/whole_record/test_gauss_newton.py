@@ -12,7 +12,7 @@ import pytest
 from ident.estimate import Outcome
 from ident.statistics.normal_equations import LocalModel, local_model
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, arrived, fit_whole_records
+from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.parameters import Parameter, ParameterSet
@@ -43,6 +43,19 @@ def unstable_fit(settings: FitSettings, unit: float = 1.0) -> Fit:
     fit = fit_whole_records(FitProblem(lay_out([Record(record.time, record.inputs, channels, record.hold)], replace(system, h=outputs), settings)))
     assert fit is not None
     return fit
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_cost_alone_is_that_of_a_whole_evaluation(*, exact: bool) -> None:
+    record = rigid_record(np.random.default_rng(1), 6.0, 25.0)
+    layout = lay_out([record, record.window(1.0, 4.0)], compile_model(rigid_model()), FitSettings())
+    problem = FitProblem(replace(layout, problems=tuple(replace(each, exact=exact) for each in layout.problems)))
+    begun = evaluate(problem, problem.start, layout.guesses(problem.start))
+    assert begun is not None
+    theta = problem.start * 1.02
+    whole, bare = (evaluate(each, theta, carried(begun, theta)) for each in (problem, without_sensitivities(problem)))
+    assert whole is not None and bare is not None
+    assert bare.cost == whole.cost and all(jacobian.shape[2] == 0 for jacobian in bare.jacobians)
 
 
 def undamped_step_in_sigmas(fit: Fit) -> float:

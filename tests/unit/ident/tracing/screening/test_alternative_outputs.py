@@ -131,3 +131,16 @@ def test_a_column_does_not_depend_on_its_neighbours(record: Record) -> None:
     for a, column in enumerate(columns):
         _, alone, _, _ = compared(record, [effect_named("elastic-mode")], [column])
         np.testing.assert_allclose(together[:, :, a], alone[:, :, 0], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["elastic-mode", "input-delay", "sensor-lag:q"])
+def test_alternatives_a_few_at_a_time_are_those_of_one_batch(monkeypatch: pytest.MonkeyPatch, record: Record, name: str) -> None:
+    effect = effect_named(name)
+    first = {"elastic-mode": "frequency", "input-delay": "delay", "sensor-lag:q": "time_constant"}[name]
+    columns = [{full_name(effect, first): value} for value in ((9.0, 21.0, 9.0) if name == "elastic-mode" else (0.02, 0.05, 0.11))]
+    columns = [{**column, **({full_name(effect, "moment"): 0.2} if name == "elastic-mode" else {})} for column in columns]
+    y, together, _, _ = compared(record, [effect], columns)
+    monkeypatch.setattr("ident.tracing.screening.alternative_outputs._AT_ONCE", 1)
+    base, one_by_one, _, _ = compared(record, [effect], columns)
+    np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(base, y)

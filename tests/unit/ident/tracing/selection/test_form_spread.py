@@ -24,3 +24,13 @@ def test_the_form_of_a_curve_widens_what_hangs_on_it_and_nothing_else() -> None:
     assert set(spread) <= set(declared().parameters.names) and spread["Cm_alpha"] > 0.0
     plain = problem_of([planted([], None, 1)])
     assert form_spread(plain, fit_of(plain, (LATE,))) == {}
+
+
+def test_a_fit_to_the_end_is_made_once_for_one_question() -> None:
+    problem = problem_of([planted([], None, 1)])
+    root = fit_of(problem, ())
+    late = fit_of(problem, (LATE,), root)
+    assert fit_of(problem, (SensorDelay("alpha"),), root) is late
+    assert fit_of(problem, (LATE,), late) is not late
+    assert fit_of(problem, (LATE,), root, {"sensor-delay:alpha.delay": 0.02}) is not late
+    assert fit_of(problem.with_masks(problem.masks), (LATE,), root) is not late
