@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from time import process_time
 
@@ -130,17 +130,14 @@ def cramer_rao(
     def slope(moved: Callable[[float], Model], step: float) -> np.ndarray:
         return (outputs(moved(step)) - outputs(moved(-step))) / (2.0 * step)
 
-    columns = []
-    for name in names:
-        value = model.parameters[name].value
-        columns.append(slope(lambda step, name=name, value=value: model.with_values({name: value + step}), _STEP * (abs(value) or 1.0)))
-    for state in model.initial:
-        begin = state.value
+    def valued(step: float, name: str) -> Model:
+        return model.with_values({name: model.parameters[name].value + step})
 
-        def started(step: float, name: str = state.name, begin: float = begin) -> Model:
-            return model.with_initial(model.initial.with_values({name: begin + step}))
+    def started(step: float, name: str) -> Model:
+        return model.with_initial(model.initial.with_values({name: model.initial[name].value + step}))
 
-        columns.append(slope(started, _STEP * max(abs(begin), 1.0)))
+    columns = [slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0)) for name in names]
+    columns += [slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0)) for state in model.initial]
     count = len(columns[0]) // len(noise)
     columns += [np.repeat([(name == each) / std for each, std in noise.items()], count) for name in biased]
     known = np.diag([*np.zeros(len(columns) - len(biased)), *(1.0 / std for std in biased.values())])

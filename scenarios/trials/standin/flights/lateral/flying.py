@@ -23,9 +23,13 @@ from sim.truth.noise import dryden_gust, white_noise
 
 @dataclass(frozen=True, eq=False)
 class _Conditions:
-    """What chance decides of one record before it flies: ``model`` with what dominates on it, its ``constants``, ``moves`` by input; of each
-    surface's record where its trim lies, rad, and its noise, ``(N,)`` rad; ``sensors``: the generator of these."""
+    """What chance decides of one record before it flies.
 
+    ``number`` : the record's. ``model`` with what dominates on it, its ``constants``, ``moves`` by input. ``zeros`` : where the trim of each
+    surface lies in its record, rad; ``noise`` : of that record, ``(N,)`` rad. ``sensors`` : the generator of these.
+    """
+
+    number: int
     model: Model
     constants: Mapping[str, float]
     moves: Mapping[str, Maneuver]
@@ -98,13 +102,13 @@ def _conditions(drawn: Drawn, number: int, rng: np.random.Generator, samples: in
     surfaces = {name: drawn.moves(name)[number] for name in drawn.axis.inputs}
     moves: dict[str, Maneuver] = {**surfaces, "sidewind": _gusts(drawn, constants["airspeed"], path_seed), "thrust": thrust}
     noise = {name: white_noise(path_seed, samples, causes.input_noise) for name in surfaces}
-    return _Conditions(model, constants, moves, zeros, noise, sensor_seed)
+    return _Conditions(number, model, constants, moves, zeros, noise, sensor_seed)
 
 
 def _shown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float) -> tuple[Channel, ...]:
     """The surfaces as they are recorded."""
     return tuple(
-        Channel.of(name, "rad", recorded(drawn, name, time, step, found.moves[name]) + found.zeros[name] + noise)
+        Channel.of(name, "rad", recorded(drawn, name, time, step, drawn.moves(name)[found.number]) + found.zeros[name] + noise)
         for name, noise in found.noise.items()
     )
 
