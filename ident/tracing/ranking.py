@@ -117,12 +117,8 @@ def _outdone_by_guard(
 ) -> tuple[Ledger, Compared, tuple[FittedModel, HeldOut] | None]:
     """All compared sets, those with a guard in the place of an effect of the best among them, and one that wins where it was not fitted, too.
 
-    On the fitted record alone a guard may have tied; it has to win by as much as anywhere (``thresholds.GUARD_TIE``), but in the place of an
-    effect that is rarer than it: there a tie is enough, on the fitted record as well.
+    On the fitted record alone a guard may have tied; it has to win by as much as anywhere (``thresholds.GUARD_TIE``).
     """
-    ledger, compared, likelier = _likelier_guard(ledger, compared, best, held)
-    if likelier is not None:
-        return ledger, compared, compared[likelier]
     if not held.choosing:
         return ledger, compared, None
     mine = frozenset(best.names)
@@ -135,17 +131,6 @@ def _outdone_by_guard(
     first = min(guards, key=lambda key: totals[key], default=mine)
     won = first != mine and totals[first] < totals[mine] - thresholds.GUARD_TIE
     return ledger, compared, compared[first] if won else None
-
-
-def _likelier_guard(ledger: Ledger, compared: Compared, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Compared, Key | None]:
-    """A set with a guard in the place of an effect of the best that is rarer, where the data do not prefer the effect; None where there is none."""
-    mine = frozenset(best.names)
-    instead = [(mine - {effect.name}) | {other} for effect in best.effects for other in effect.traits.rarer_than if other in ledger.problem.guards]
-    sets = [ledger.models[key] for key in instead if key in ledger.models and key not in compared]
-    ledger, compared = _with(ledger, compared, sets, held) if sets else (ledger, compared)
-    totals = {key: fitted.criterion + charged_cost(fitted, fits, held) for key, (fitted, fits) in compared.items() if key in (mine, *instead)}
-    tied = [key for key in instead if key in totals and totals[key] - totals[mine] < thresholds.AMBIGUOUS]
-    return ledger, compared, min(tied, key=lambda key: totals[key], default=None)
 
 
 def _with(ledger: Ledger, compared: Compared, sets: Sequence[FittedModel], held: HeldOutData) -> tuple[Ledger, Compared]:

@@ -88,8 +88,6 @@ class AccelerometerOffset:
             separating={"vane-offset": MEASURE_IT},
             twins=self.aliases,
             equivalents=(*self.aliases, "guard:vane-behind") if self.aliases else (),
-            # Most elevators drag; that jumps in nx as the pitch acceleration does.
-            rarer_than=() if self.aliases else ("guard:control-drag",),
             plausible={"arm": (-40.0, 40.0) if self.aliases else (-5.0, 5.0)},
         )
 
