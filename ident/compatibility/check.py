@@ -11,7 +11,6 @@ from ident.compatibility.fault_sets import clocks, reference_sentence
 from ident.compatibility.faults import DRIFT, SensorFault, faults_of
 from ident.compatibility.fitting import Fit, fit
 from ident.compatibility.instruments import instruments_of, shortened, weigher
-from ident.compatibility.level_wings import LEVEL, misled_by_bank
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import cannot_tell
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate
@@ -19,6 +18,7 @@ from ident.compatibility.search import Searched, search
 from ident.compatibility.signals import measured_channels, relations, signals_of
 from ident.compatibility.six_degrees.check import channels_of, has_six_degrees
 from ident.compatibility.six_degrees.check import check as six_degrees
+from ident.compatibility.six_degrees.level_wings import LEVEL, misled_by_bank
 from ident.compatibility.trials import Trial, bias_estimates, estimate_of, tried, with_more_faults
 from sim.errors import RecordError
 from sim.record import Record

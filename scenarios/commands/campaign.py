@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from scenarios.trials.planted.own_flight import OwnFlight
 
-LOOP = ("false-alarms", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
+LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:

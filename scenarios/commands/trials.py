@@ -1,4 +1,4 @@
-"""`flightid campaign` of the tracing loop itself: false alarms, weak effects, papers drawn at random."""
+"""`flightid campaign` of the tracing loop itself: false alarms, clean records of every model, weak effects, papers drawn at random."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.terminal.plain_tables import table
 from scenarios.terminal.progress import progress_bar
+from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
 from scenarios.trials.many import of_each_seed
 from scenarios.trials.papers.examination import examine
@@ -21,6 +22,7 @@ from scenarios.trials.papers.summary import summary
 from sim.errors import DeclarationError
 
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect, from which nearly all are found
+CLEAN = ("model", "runs", "false claims", "95 % interval, %", "not consistent", "within two sigmas, %", "sigma over bound", "median time, s")
 DETECTED = ("runs", "detected", "named right", "among alternatives", "unexplained", "named wrong", "detected, 95 % interval, %")
 
 
@@ -67,6 +69,10 @@ def _alarms(found: Sequence[tuple[str, Alarm]]) -> tuple[str, tuple[str, ...], l
     return "clean records: nothing is hidden", headings, alarm_rows(groups)
 
 
+def _of_models(found: Sequence[CleanRun]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    return "clean records: nothing is hidden; sigmas over the Cramer-Rao bound, median and 90 % of them", CLEAN, clean_rows(found)
+
+
 def _detections(found: Sequence[Detection]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
     rows = detection_rows(found, lambda each: each.effect) + detection_rows(found, lambda each: "all")
     return f"one weak effect, expected gain {GAIN:g}", ("effect", *DETECTED), rows
@@ -78,6 +84,7 @@ def _marks(found: Sequence[Mark]) -> tuple[str, tuple[str, ...], list[tuple[str,
 
 TRIALS: Mapping[str, Kind] = {
     "false-alarms": Kind(_clean, _alarms),
+    "clean-models": Kind(clean_flight, _of_models),
     "weak-effects": Kind(_weak, _detections),
     "random-papers": Kind(examine, _marks),
 }

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from ident.statistics.shares import clopper_pearson
+from scenarios.trials.clean import clean_flight
 from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
 from scenarios.trials.papers.examination import examine
 from scenarios.trials.papers.summary import summary
+from scenarios.trials.scoring import share_within_flights
 
 RUNS = 200  # clean records over all settings
+CLEAN_RUNS = 70  # of seven models
 WEAK_RUNS = 12  # of each effect
 PAPERS = 200
 
@@ -20,6 +24,18 @@ def test_false_claims_on_clean_records_are_rare() -> None:
     claims = [alarm for alarm in alarms if alarm.claimed]
     assert len(claims) <= 0.05 * RUNS, claims
     assert clopper_pearson(len(claims), RUNS)[0] < 0.05
+
+
+@pytest.mark.slow
+def test_clean_records_of_every_model_and_their_sigmas() -> None:
+    """No more than one in a hundred claimed falsely, 93 to 97 % of derivatives within two sigmas, sigmas at the bound: none of it is excluded."""
+    runs = [clean_flight(seed) for seed in range(CLEAN_RUNS)]
+    claims = [run for run in runs if run.claimed]
+    assert clopper_pearson(len(claims), CLEAN_RUNS)[0] < 0.01, claims
+    within = share_within_flights([abs(error) <= 2.0 for error in run.errors.values()] for run in runs)
+    assert within.interval[1] >= 0.93 and within.interval[0] <= 0.97
+    over = [ratio for run in runs for ratio in run.over_bound.values()]
+    assert 0.95 < np.median(over) < 1.1 and np.quantile(over, 0.05) > 0.85
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import numpy as np
 from ident.compatibility.faults import PACKAGE, SensorFault
 from ident.compatibility.fitting import Fit
 from ident.compatibility.instruments import instruments_of
-from ident.compatibility.level_wings import LEVEL
 from ident.compatibility.noise import smoothed_walk
 from ident.compatibility.observability import untold
 from ident.compatibility.result import CheckResult, Compatibility, CompatibilitySettings, Reconstruction, SensorEstimate, SensorFinding
@@ -19,6 +18,7 @@ from ident.compatibility.six_degrees.biases import bias_estimates, bias_findings
 from ident.compatibility.six_degrees.channels import BEYOND, ready, recorded, relations
 from ident.compatibility.six_degrees.findings import by_itself, drift_of, estimates_and_findings, late
 from ident.compatibility.six_degrees.fitting import fit
+from ident.compatibility.six_degrees.level_wings import LEVEL
 from ident.compatibility.six_degrees.search import Searched, search
 from ident.compatibility.six_degrees.selection import clocks
 from ident.compatibility.six_degrees.unknowns import faults_of

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ident.compatibility.faults import ARMS
-from ident.compatibility.level_wings import LEVEL
 from ident.compatibility.result import SensorFinding
+from ident.compatibility.six_degrees.level_wings import LEVEL
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.diagnosis.kinematics import BIAS, PARAMETERS, Kinematics, _finite, agreements, unnamed
 from scenarios.diagnosis.report.wording import Wording, group_sentence

@@ -65,13 +65,36 @@ def write_paper(seed: int, folder: Path) -> Written:
     name = _chosen(MODELS, rng)
     label, model = drawn_vehicle(name, rng)
     rate = float(rng.choice(RATES[name]))
-    channels = ("altitude",) if name == "ballistic" else ("alpha", "q", "nz") if rng.random() < 0.75 else ("alpha", "q")
+    channels = _channels(name, rng)
     group = _chosen(GROUPS, rng)
     for _ in range(TRIES):
         written = _written(seed, name, label, model, rate, channels, group, folder, rng)
         if written is not None:
             return written
     raise ModelError(f"{TRIES} papers hide what no one could see", where=f"paper {seed}", remedy="draw larger sizes of what is hidden")
+
+
+def write_clean(name: str, seed: int, folder: Path) -> tuple[Written, Flight]:
+    """A paper of one model in which nothing is hidden, drawn as others are, and the flight of its first record.
+
+    Raises
+    ------
+    ModelError : no such paper that can be flown.
+    """
+    rng = np.random.default_rng((seed, 3))
+    for _ in range(TRIES):
+        label, model = drawn_vehicle(name, rng)
+        rate = float(rng.choice(RATES[name]))
+        channels = _channels(name, rng)
+        flights = drawn_flights(model, rate, rng)
+        written = _flown_and_written(Paper(seed, label, (), frozenset(), False, channels, rate, name, "nothing"), model, flights, folder, rng)
+        if written is not None:
+            return written, flights[0]
+    raise ModelError(f"{TRIES} papers of {name} cannot be flown", where=f"paper {seed}", remedy="draw smaller maneuvers")
+
+
+def _channels(model: str, rng: np.random.Generator) -> tuple[str, ...]:
+    return ("altitude",) if model == "ballistic" else ("alpha", "q", "nz") if rng.random() < 0.75 else ("alpha", "q")
 
 
 def _written(
@@ -83,8 +106,12 @@ def _written(
     outside = any(not KINDS[kind].answer for kind in hidden)
     told = {0: "nothing", 1: "one effect", 2: "two effects"}[len(answers)] if not outside else group
     paper = Paper(seed, label, hidden, answers, outside, channels, rate, name, told)
-    train, validate = drawn_flights(model, rate, rng)
-    sane = _flown_sanely(paper, train, validate, rng)
+    return _flown_and_written(paper, model, drawn_flights(model, rate, rng), folder, rng)
+
+
+def _flown_and_written(paper: Paper, model: Model, flights: tuple[Flight, Flight], folder: Path, rng: np.random.Generator) -> Written | None:
+    """A paper's files in a folder; None where what is hidden could not be flown, or seen."""
+    sane = _flown_sanely(paper, *flights, rng)
     if sane is None:
         return None
     first, records = sane
@@ -92,7 +119,7 @@ def _written(
         write_record(folder, record, stem)
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(vehicle_file(model, rng), encoding="utf-8")
-    return Written(paper, model, first, Request((folder / "train.csv",), name, vehicle, (folder / "validate.csv",)))
+    return Written(paper, model, first, Request((folder / "train.csv",), paper.model, vehicle, (folder / "validate.csv",)))
 
 
 def _flown_sanely(paper: Paper, train: Flight, validate: Flight, rng: np.random.Generator) -> tuple[Values, tuple[Record, Record]] | None:

@@ -75,7 +75,11 @@ def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
 
 
 def _fly(flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool) -> Record:
-    model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
+    return flown_plan(flight, plan, with_hidden(true_vehicle(flight), flight.hidden, validation=validation), rng, name)
+
+
+def flown_plan(flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str) -> Record:
+    """One record of a flight's plan, flown by a model, whose noise is in it."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]

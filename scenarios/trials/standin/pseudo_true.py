@@ -9,7 +9,6 @@ import numpy as np
 
 from scenarios.preparation.airspeed import with_flow
 from scenarios.preparation.trim import about_trim
-from scenarios.trials.standin.declaration import MEASURED
 from scenarios.trials.standin.fitting import declared_model
 from scenarios.trials.standin.flights.drawing import Drawn
 from scenarios.trials.standin.flights.flying import fly_draws
@@ -51,7 +50,7 @@ def pseudo_true(
 ) -> PseudoTrue:
     """The declared model with effects, fitted to many flights of the same plan together.
 
-    Each draw has its own gusts, thrust, masses, trims and noise of the elevator's record, and no sensor noise. Parameters are shared by
+    Each draw has its own gusts, thrust, masses, trims and noise of the surfaces' records, and no sensor noise. Parameters are shared by
     all records of all draws, biases and initial states are each record's own; standard errors are those of the scores' scatter over draws.
 
     Parameters
@@ -69,11 +68,12 @@ def pseudo_true(
     nominal = {name: drawn.declared.parameters[name].value for name in drawn.starts}
     begun = {name: (starts or {}).get(name, value) for name, value in nominal.items()}
     model = declared_model(drawn.declared, begun, added)
-    # Trims of the elevator are taken off, and a speed that is recorded is used, as in a diagnosis.
-    flown = fly_draws(drawn, rng.spawn(max(2, draws)), (*MEASURED, *SPEED), count=count)
+    # Trims of the surfaces are taken off, and a speed that is recorded is used, as in a diagnosis.
+    measured = drawn.axis.measured
+    flown = fly_draws(drawn, rng.spawn(max(2, draws)), (*measured, *SPEED), count=count)
     wider = [with_flow(model, [about_trim(record)[0] for record in records]) for records in flown]
-    system = compile_model(wider[0][0], MEASURED)
-    records = [[record.only(MEASURED) for record in carrying] for _, carrying in wider]
+    system = compile_model(wider[0][0], measured)
+    records = [[record.only(measured) for record in carrying] for _, carrying in wider]
     many = FEW
     joint = fit_together(records[:many], system)
     while many < len(records):

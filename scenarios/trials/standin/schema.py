@@ -124,9 +124,6 @@ def standin_of(document: Mapping[str, Any], name: str, where: str) -> StandIn:
     content = checked(_StandIn, document, where)
     axis = content.flight.axis
     _known([axis], tuple(AXES), "axis", f"{where}, key flight.axis")
-    if axis == LATERAL and content.estimate.draws:
-        what = "pseudo-true values are those of the longitudinal axis"
-        raise DeclarationError(what, where=f"{where}, key estimate.draws", remedy="give draws = 0")
     return StandIn(
         name,
         content.title,

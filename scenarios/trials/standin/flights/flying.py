@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.trials.standin.declaration import LATERAL
 from scenarios.trials.standin.flights.drawing import ELEVATOR, SPEED, Dominant, Drawn, with_term
-from scenarios.trials.standin.flights.lateral.flying import fly_lateral
+from scenarios.trials.standin.flights.lateral.flying import fly_lateral, fly_lateral_draws
 from scenarios.trials.standin.flights.level import speed_rate, steered
 from scenarios.trials.standin.flights.maneuvers import CELL, Table
 from scenarios.trials.standin.flights.recorder import recorded
@@ -90,6 +90,8 @@ def fly_draws(
     """
     chosen, dt = tuple(name for name in drawn.channels if name in channels), step or drawn.standin.flight.step
     numbers = range(len(drawn.maneuvers))[:count]
+    if drawn.standin.flight.axis == LATERAL:
+        return fly_lateral_draws(drawn, generators, numbers, dt)
     at_once = max(1, TOGETHER // len(numbers))
     flights: list[list[Record]] = []
     for first in range(0, len(generators), at_once):

@@ -27,10 +27,10 @@ def misled_by_bank(records: Sequence[Record], airspeed: float | None, gravity: f
         phi = _bank(record, rates, airspeed, gravity)
         worst = max(np.std(_left(record.time, wrong)) for wrong in _wrong_rates(record, rates, phi, airspeed, gravity))
         if worst > SensorFault("alpha", BIAS).worth:
-            lean = np.degrees(np.max(np.abs(phi)))
+            lean, say = np.degrees(np.max(np.abs(phi))), "say" if len(rates) > 1 else "says"
             out.append(
-                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {'say' if len(rates) > 1 else 'says'} that the wings were up to "
-                f"{lean:.0f} deg from level: nothing is told of alpha, q, theta and the loads, whose relations need it"
+                f"no bank angle is recorded in {record.name}, and {' and '.join(rates)} {say} that the wings were up to {lean:.0f} deg from level: "
+                "nothing is told of alpha, q, theta and the loads, whose relations need it"
             )
     return tuple(out)
 
