@@ -97,7 +97,7 @@ def hardly_better(before: HeldOut, after: HeldOut, *, weak: bool = False) -> boo
     used = before.frozen.layout.used & after.frozen.layout.used
     change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
     least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if weak else thresholds.WORTH
-    return not change.size or float(np.mean(change)) > -thresholds.HALF_OF_IT * least
+    return not change.size or float(np.mean(change)) >= -thresholds.HALF_OF_IT * least
 
 
 def room_for(before: Fit, after: Fit) -> float:
