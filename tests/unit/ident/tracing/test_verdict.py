@@ -118,15 +118,14 @@ def test_data_that_hardly_move_ask_for_half_of_what_an_effect_would_bring_there(
     """A twentieth of the usual motion: the true cause lowers the error there by less than a twentieth, and a wrong one raises it."""
     best = fit_of(problem, [SensorLag("q")], root)
     true, without = (planted([SensorLag("q")], {"sensor-lag:q.time_constant": size}, 5, flight=doublets(size=0.006)) for size in (0.06, 1e-6))
-    for record, weak in ((true, False), (without, True)):
-        before, after = (HeldOut(held_out(each, [record], None, informed=False).frozen, None) for each in (root, best))
-        assert before.frozen is not None and after.frozen is not None
-        assert hardly_better(before, after) and hardly_better(before, after, weak=True) is weak and no_better(before, after) is weak
-        # What it would bring if it acted is near what it brings where it does.
-        assert 0.0 < room_for(before.frozen, after.frozen) < 0.1
-    apart = before.frozen.residuals[0] - after.frozen.residuals[0]
-    expected = np.mean(0.5 * np.log(1.0 + np.mean(apart**2, axis=1) / after.frozen.variance))
-    assert room_for(before.frozen, after.frozen) == pytest.approx(float(expected))
+    for record, worse in ((true, False), (without, True)):
+        before, after = (held_out(each, [record], None, informed=False) for each in (root, best))
+        one, two = before.frozen, after.frozen
+        assert one is not None and two is not None
+        assert hardly_better(before, after) and hardly_better(before, after, weak=True) is worse and no_better(before, after) is worse
+        apart = one.residuals[0] - two.residuals[0]
+        expected = float(np.mean(0.5 * np.log(1.0 + np.mean(apart**2, axis=1) / two.variance)))
+        assert 0.0 < expected < 0.1 and room_for(one, two) == pytest.approx(expected)
 
 
 def test_data_are_called_held_out_only_where_they_took_no_part() -> None:
