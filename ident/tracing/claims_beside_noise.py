@@ -58,8 +58,13 @@ def helpful(held: HeldOutData, ledger: Ledger, partial: Partial | None) -> tuple
 
 
 def predicts_no_better(held: HeldOutData, partial: Partial) -> bool:
-    """Whether data that were not fitted are predicted no better with what replicates; of events alone, which need not be there, worse."""
-    return no_better(held.declared, partial.out) if partial.events_alone else hardly_better(held.declared, partial.out)
+    """Whether data that were not fitted are predicted no better with what replicates; of events alone, which need not be there, worse.
+
+    Where they take part in choosing they are half of the evidence, and a record that hardly moves is none.
+    """
+    if partial.events_alone:
+        return no_better(held.declared, partial.out)
+    return hardly_better(held.declared, partial.out, weak=not held.choosing)
 
 
 def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:

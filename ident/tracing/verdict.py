@@ -21,6 +21,7 @@ from ident.tracing.ranking import Choice, alternatives_of, is_ambiguous
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.validation.whiteness import whiteness
 from ident.tracing.weighed import Ground, Weighed
+from ident.whole_record.gauss_newton import Fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +86,30 @@ def no_better(before: HeldOut, after: HeldOut) -> bool:
     return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
 
 
-def hardly_better(before: HeldOut, after: HeldOut) -> bool:
+def hardly_better(before: HeldOut, after: HeldOut, *, weak: bool = False) -> bool:
     """Whether a free simulation of held-out data, all channels at their own scale, is better than the declared model's by too little to say.
 
     Mean over the channels of ln(rms after / rms before), for what is printed: claims that were cross-validated one by one need not help together.
+    ``weak`` : whether less will do where the data have room for less (``room_for``): they may hardly move.
     """
     if no_better(before, after) or before.frozen is None or after.frozen is None:
         return True
     used = before.frozen.layout.used & after.frozen.layout.used
     change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
-    return not change.size or float(np.mean(change)) > -thresholds.HALF_OF_IT * thresholds.WORTH
+    least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if weak else thresholds.WORTH
+    return not change.size or float(np.mean(change)) >= -thresholds.HALF_OF_IT * least
+
+
+def room_for(before: Fit, after: Fit) -> float:
+    """By how much ln(rms) would fall from one frozen fit to another, mean over the channels, if the second were the truth.
+
+    What the first then lacks is the difference of the two simulations: its variance is that of the second and the square of that difference.
+    """
+    apart = np.concatenate([two.y - one.y for one, two in zip(before.lines, after.lines, strict=True)], axis=1)
+    valid = np.concatenate([problem.valid for problem in after.layout.problems], axis=1)
+    used = before.layout.used & after.layout.used
+    lacking = np.sum(np.where(valid, apart, 0.0) ** 2, axis=1)[used] / np.maximum(np.count_nonzero(valid, axis=1)[used], 1)
+    return float(np.mean(0.5 * np.log1p(lacking / after.variance[used]))) if np.any(used) else 0.0
 
 
 def verdict_on(

@@ -380,7 +380,9 @@ def test_guards_stand_apart_from_the_library() -> None:
     products, loads = ("alpha-control", "control-squared", "alpha-q"), ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives")
     lateral = ("beta-rudder", "beta-aileron", "beta-p", "beta-r", "rudder-squared", "aileron-squared")
     labelled = ("damping-curve:p", "damping-curve:r", "drifting-derivatives:yaw", "drifting-derivatives:roll")
-    assert names == {f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "control-drag", "drag-drift", "vane-behind")}
+    assert names == {
+        f"{GUARD}{label}" for label in (*products, *loads, *lateral, *labelled, "control-drag", "drag-drift", "hysteresis", "vane-behind")
+    }
     assert names.isdisjoint(effect_names())
     assert all(case.values[0].traits.guard for case in GUARDS)  # type: ignore[union-attr]
     assert not any(effect.traits.guard or effect.name.startswith(GUARD) for effect in library() if isinstance(effect, Traceable))

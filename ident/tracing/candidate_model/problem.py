@@ -60,8 +60,10 @@ class TraceProblem:
 
     @property
     def twins(self) -> Mapping[str, tuple[str, ...]]:
-        """By name of a candidate, other descriptions of the same fault."""
-        return {candidate.name: candidate.traits.twins for candidate in (*self.candidates, *self.general)}
+        """By name of a candidate, other descriptions of the same fault, and the guards that are narrower forms of it and speak for it."""
+        narrower = {each.name: each.traits.within for each in self.candidates if each.traits.guard}
+        every = (*self.candidates, *self.general)
+        return {c.name: (*c.traits.twins, *(guard for guard, wider in narrower.items() if c.name in wider)) for c in every}
 
     @property
     def data(self) -> FitData:

@@ -63,7 +63,7 @@ def sized(drawn: Drawn, name: str, reduction: float, before: np.ndarray, seed: i
     at = _kind(drawn, name)(drawn, rng)
     effect: Any = find_effect(name, drawn.model.equations)
     if hasattr(effect, "low"):
-        reach = _peak(drawn, effect.signal) if name.startswith("control") else 0.09
+        reach = _peak(drawn, effect.control) if name.startswith("control") else 0.09
         effect = replace(effect, low=-reach, high=reach)
     count = len(drawn.maneuvers)
     records = (int(rng.integers(count)),) if effect.traits.per_record and name != SPEED else tuple(range(count))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import cast
 
 import pytest
 from hypothesis import given
@@ -15,6 +16,10 @@ from ident.tracing import thresholds
 from ident.tracing.diagnosis import Claim, Evidence
 from ident.tracing.name_probability import SOMETHING_ELSE, Calibration, name_probabilities, unlikely, weights_of, with_probabilities
 from ident.tracing.weighed import ComparedSet, Ground, Weighed
+from sim.declaration.proposal import Traceable
+from sim.effects.library import effects_for, guards_for
+from sim.vehicles.short_period import ShortPeriod
+from tests.tracing_problem import doublets, planted, problem_of
 
 LAG, DELAY, SCALE, GUARD = "sensor-lag:q", "sensor-delay:q", "sensor-scale:q", "guard:alpha-q"
 BAR = 1.0 - 0.2  # what a ground of ``CALIBRATED`` leaves to the sets
@@ -182,3 +187,15 @@ def test_alternatives_are_what_is_likely_enough_and_other_words_for_the_same() -
     assert named(claim) == ("b", "a") and named(claim, {LAG: (DELAY,)}) == (DELAY, "b")
     assert named(replace(claim, weighed=replace(weighed, same=("far",)))) == ("far", "b")
     assert named(replace(claim, evidence=PROVEN)) == () and named(replace(claim, evidence=PROVEN, alternatives=("a",))) == ("a",)
+
+
+def test_a_guard_that_an_effect_contains_speaks_for_it() -> None:
+    """The square of the control is a curved control surface: where it ties, nothing else is likelier."""
+    curved = next(effect for effect in effects_for(ShortPeriod()) if effect.name == "control-nonlinearity")
+    record = planted(flight=doublets(2.0))
+    twins = problem_of([record], (cast(Traceable, curved), *guards_for(ShortPeriod()))).twins["control-nonlinearity"]
+    assert twins == ("guard:control-squared",)
+    mine, narrower = ComparedSet(("control-nonlinearity",), 0.0), ComparedSet(("guard:control-squared",), 0.0, guard=True)
+    other = ComparedSet(("guard:alpha-q",), 0.0, guard=True)
+    got = dict(name_probabilities("control-nonlinearity", (), Weighed(Ground.CROSS_VALIDATED, (mine, narrower, other)), twins))
+    assert got["control-nonlinearity"] == pytest.approx(2.0 / 3.0 * (1.0 - thresholds.WRONG_WHATEVER["cross-validated"]))

@@ -14,14 +14,14 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Concern, Verdict
 from ident.tracing.ranking import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
-from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
+from ident.tracing.verdict import ResidualTests, hardly_better, judge, no_better, not_noise, room_for, verdict_on
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.record import Record
 from sim.vehicles.short_period import ShortPeriod
-from tests.tracing_problem import fit_of, planted, problem_of
+from tests.tracing_problem import doublets, fit_of, planted, problem_of
 from tests.turbulence import rough_record
 
 LAG = {"sensor-lag:q.time_constant": 0.06}
@@ -112,6 +112,20 @@ def test_a_held_out_fit_that_failed_is_not_traced(problem: TraceProblem, root: F
     for data in (good, replace(good, declared=NOTHING)):
         verdict, cautions = verdict_on(problem, root, Choice(best, NOTHING), [], ResidualTests((FINE,)), data)
         assert verdict is Verdict.UNEXPLAINED and "not fitted" in cautions[0].sentence
+
+
+def test_data_that_hardly_move_ask_for_half_of_what_an_effect_would_bring_there(problem: TraceProblem, root: FittedModel) -> None:
+    """A twentieth of the usual motion: the true cause lowers the error there by less than a twentieth, and a wrong one raises it."""
+    best = fit_of(problem, [SensorLag("q")], root)
+    true, without = (planted([SensorLag("q")], {"sensor-lag:q.time_constant": size}, 5, flight=doublets(size=0.006)) for size in (0.06, 1e-6))
+    for record, worse in ((true, False), (without, True)):
+        before, after = (held_out(each, [record], None, informed=False) for each in (root, best))
+        one, two = before.frozen, after.frozen
+        assert one is not None and two is not None
+        assert hardly_better(before, after) and hardly_better(before, after, weak=True) is worse and no_better(before, after) is worse
+        apart = one.residuals[0] - two.residuals[0]
+        expected = float(np.mean(0.5 * np.log(1.0 + np.mean(apart**2, axis=1) / two.variance)))
+        assert 0.0 < expected < 0.1 and room_for(one, two) == pytest.approx(expected)
 
 
 def test_data_are_called_held_out_only_where_they_took_no_part() -> None:

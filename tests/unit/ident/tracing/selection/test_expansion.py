@@ -12,6 +12,7 @@ from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -104,3 +105,15 @@ def test_what_the_projection_loses_begins_where_another_set_found_it() -> None:
     _, found = best_fit(ledger.kept(alone, alone.criterion), beside, far, 1)
     assert found is not None and beside.fit.cost - found.fit.cost > 100.0
     assert found.values.shared[name] == pytest.approx(0.04, rel=0.02)
+
+
+def test_a_projected_step_that_leads_astray_is_shortened() -> None:
+    """Ten times the right change makes the aircraft unstable; a third, a tenth of it leads there, a hundredth need not."""
+    lost = DerivativeJump()
+    right = {"derivative-jump.time": 4.0, "derivative-jump.Cm_alpha": 0.25}
+    problem = problem_of([planted([lost], right)], (lost,))
+    root = fit_of(problem)
+    far = Finding(lost, 500.0, 5, ({"derivative-jump.time": 4.2, "derivative-jump.Cm_alpha": 2.5},), (500.0,), np.zeros(1))
+    _, found = best_fit(Ledger(problem).kept(root, root.criterion), root, far, 1)
+    assert found is not None and found.values.own[0]["derivative-jump.time"] == pytest.approx(4.0, abs=0.1)
+    assert near_absence(lost, right, 0.1)["derivative-jump.Cm_alpha"] == pytest.approx(0.025)

@@ -12,7 +12,9 @@ from ident.tracing.diagnosis import Candidate
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.selection.near_aliases import guards_for_events, near_aliases
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -70,12 +72,14 @@ def test_what_is_clearly_worse_is_not_kept() -> None:
 
 def test_what_the_evidence_calls_alike_is_tried_from_either_side_and_in_like_company_only() -> None:
     stranger = RateInAlpha()
-    ledger, best = ledger_of((LATE, stranger))
+    ledger, best = ledger_of((LATE, stranger, Phugoid()))
     assert near_aliases(ledger, best, SETTINGS.near) == (ledger, [])
     for told, expected in (
         (seen(LATE.name, stranger.name), [(stranger.name,)]),
         (seen(stranger.name, LATE.name), [(stranger.name,)]),
         (seen(stranger.name, LATE.name, within=("input-delay",)), []),
+        # What any record may have may have left the set since.
+        (seen(stranger.name, LATE.name, within=("phugoid",)), [(stranger.name,)]),
     ):
         assert [fitted.names for fitted in near_aliases(ledger.told(evidence=[told]), best, SETTINGS.near)[1]] == expected
 
@@ -132,3 +136,29 @@ def test_a_guard_is_tried_in_the_place_of_an_event_that_the_search_was_content_w
     assert known is not None
     guards_for_events(ledger.kept(known, known.criterion).told(evidence=told[1]), best, SETTINGS.near)
     assert asked[-1] == (load.name, set())
+
+
+def test_an_alias_is_put_where_the_rest_stands_as_it_is_in_the_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit without the effect may have bent so far that nothing leads back from there."""
+    ledger, best = ledger_of((LATE, AHEAD, SCALE), (SCALE, LATE))
+    monkeypatch.setattr("ident.tracing.selection.near_aliases.best_fit", lambda ledger, base, finding, starts: (ledger, None))
+    _, (other,) = near_aliases(ledger, best, SETTINGS.near)
+    assert frozenset(other.names) == {SCALE.name, AHEAD.name}
+    assert other.values.shared["sensor-scale:nz.scale"] == pytest.approx(1.3, abs=0.02)
+    # With a filter there is no residual to screen that the rest alone leaves.
+    rest = ledger.problem.at_values((SCALE,), best)
+    assert rest is not None and rest.fit.cost > best.fit.cost and rest.values.shared["Cm_q"] == best.values.shared["Cm_q"]
+
+
+def test_an_event_that_was_missed_is_put_where_another_stands() -> None:
+    pulse, gust = UnmeasuredInput(), GustDiscrete()
+    values = {"gust-discrete.start": 4.0, "gust-discrete.duration": 1.0, "gust-discrete.peak": 3.0}
+    problem = replace(problem_of([planted([gust], values)]), candidates=(pulse, gust))
+    root = fit_of(problem)
+    missed = fit_of(problem, [gust], root, {"gust-discrete.start": 8.0, "gust-discrete.peak": 0.1})
+    best = fit_of(problem, [pulse], root, {"unmeasured-input.start": 4.0, "unmeasured-input.duration": 1.0, "unmeasured-input.moment": 0.001})
+    ledger = Ledger(problem).kept(root, root.criterion).kept(missed, missed.criterion).kept(best, best.criterion)
+    after, found = near_aliases(ledger, best, SETTINGS.near)
+    assert [fitted.names for fitted in found] == [(gust.name,)] and after.known(missed) is found[0]
+    assert found[0].fit.cost < min(missed.fit.cost, best.fit.cost)
+    assert found[0].values.own[0]["gust-discrete.start"] == pytest.approx(4.0, abs=0.1)

@@ -150,6 +150,9 @@ def test_a_hidden_effect_is_as_large_as_asked() -> None:
     assert found is not None
     reduction = 1.0 - float(np.min(errors(()) / errors((found,))))
     assert LEAST < reduction < 0.65
+    # A curve of the control bends over the range that the control moves through.
+    curve: Any = sized(plan, "control-nonlinearity", 0.5, errors(()), seed, np.random.default_rng(2))
+    assert curve is not None and 0.0 < curve.effect.high == -curve.effect.low
 
 
 def test_an_event_belongs_to_one_record() -> None:

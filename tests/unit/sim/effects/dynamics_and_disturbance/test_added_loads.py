@@ -226,7 +226,7 @@ def test_guards_are_the_terms_that_they_name() -> None:
         "alpha-q": lambda a, q, u: a * q * chord / (2.0 * V),
     }
     found = {guard.name: guard for guard in guards_for(ShortPeriod())}
-    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives", "vane-behind")
+    others = ("lagged-loads", "periodic-loads", "damping-curve", "drifting-derivatives", "hysteresis", "vane-behind")
     assert set(found) == {f"guard:{name}" for name in (*products, *others)}
     for name, product in products.items():
 
@@ -237,6 +237,9 @@ def test_guards_are_the_terms_that_they_name() -> None:
         close(rigid(found[f"guard:{name}"], {"lift": 2.0, "moment": -3.0}), expected)
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (0.5 * (a - z[0]), 0.3 * (a - z[0]), [(a - z[0]) / 0.4]), further=1)
     close(rigid(found["guard:lagged-loads"], {"lag": 0.4, "lift": 0.5, "moment": 0.3}), expected)
+    remembers = lambda t, a, q, u, z: (0.02 * z[0], 0.01 * z[0], [(q - abs(q) * z[0]) / 0.05])  # noqa: E731
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], remembers, further=1)
+    close(rigid(found["guard:hysteresis"], {"width": 0.05, "lift": 0.02, "moment": 0.01}), expected)
 
     def swinging(t: float, a: float, q: float, u: float, z: np.ndarray) -> tuple[float, float, tuple[()]]:
         return 0.02 * np.cos(5.0 * t) - 0.01 * np.sin(5.0 * t), 0.004 * np.cos(5.0 * t) + 0.003 * np.sin(5.0 * t), ()
