@@ -92,7 +92,7 @@ def test_starts_r_and_q_of_the_scenarios_are_the_papers_and_a_change_is_found() 
         places = ["noise_variance", *(["process_noise"] if name in WITH_Q else [])]
         places += ["noise_share", "[estimate.start]"] if name == "simulation" else []
         for place in places:
-            begin = text.index(place)
+            begin = text.index(f"\n{place}") + 1  # as a key of a table, not in what is said of it
             end = len(text) if place.startswith("[") else text.index("\n", begin)
             for other in mutations(text[:end], begin):
                 tried += 1

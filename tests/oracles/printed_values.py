@@ -79,6 +79,7 @@ STARTS = {
         "estimate": f"beta 550 lb/ft2 | 110 lb/ft2, {_FALL}",
         **dict.fromkeys(("paper-two-terms", "paper-three-terms", "paper-true-fall"), _FAR),
     },
+    "flexibility-sweep": {"estimate": f"{_HANDBOOK}, {_REST}", "first-mode": f"{_MODE}, eta1 0 | 0.02, etadot1 0 | 0.2"},
     "rigid": {"estimate": f"{_HANDBOOK}, {_REST}"},
     "rigid-euler": {"estimate": f"{_PAPERS}, {_REST}"},
     "rigid-process-noise-a": {"estimate": f"{_HANDBOOK}, {_REST}", "paper-filter": _PAPERS},
