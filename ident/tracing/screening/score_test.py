@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_r
 from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
 from ident.tracing.screening.places import Whitened, added_by, closer_places, places_of, weigh, whitened
 from ident.whole_record.layout import FitLayout
-from ident.whole_record.record_problem import RecordProblem, record_problem
+from ident.whole_record.record_problem import RecordProblem, driven_by, record_problem
 from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.declaration.system import System
@@ -91,15 +91,17 @@ def _motions(fitted: FittedModel) -> list[BaseMotion]:
     """What all candidates begin at, by record."""
     motions, layout = [], fitted.fit.layout
     for r, old in enumerate(layout.problems):
-        problem, (p, _) = _coarse(old, layout, fitted.system), layout.split(fitted.fit.theta, r)
+        p, _ = layout.split(fitted.fit.theta, r)
+        problem = _coarse(old, layout, fitted.system, p)
         assert problem.drive is not None
         motions.append(base_motion(problem, p, fitted.fit.lines[r].states, len(fitted.system.states), problem.drive))
     return motions
 
 
-def _coarse(old: RecordProblem, layout: FitLayout, system: System) -> RecordProblem:
-    """A record of the fit laid out for a system with the steps of a screening."""
-    return record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
+def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
+    """A record of the fit laid out for a system with the steps of a screening, its inputs as parameters ``p (np,)`` say."""
+    problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
+    return replace(problem, drive=driven_by(old.record, system, p.tolist(), problem.grid)) if system.input_stages else problem
 
 
 def _find(
@@ -158,7 +160,7 @@ def _signatures(fitted: FittedModel, motions: Sequence[BaseMotion], effect: Trac
         for column, values in enumerate(columns):
             for name, value in values.items():
                 alternatives[system.parameters.index(name), column] = value
-        problem = _coarse(old, layout, system)
+        problem = _coarse(old, layout, system, base)
         states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
         trajectory = np.array([states[name] if name in states else np.zeros(len(old.grid.nodes)) for name in system.state_names])
         # Where the fitted model's own input path meets another effect there, the input of the base is worked out with it.

@@ -116,6 +116,17 @@ def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect:
     assert finding.starts[0][name] == pytest.approx(end, abs=0.2 * abs(away))
 
 
+def test_beside_a_late_input_candidates_are_driven_by_the_input_as_it_was_fitted() -> None:
+    """Not by one that is late by what the delay began with."""
+    late, bent = find_effect("input-delay", ShortPeriod()), MomentOfControlSquared()
+    values = {"input-delay.delay": 0.3, "control-squared.gain": 0.4}
+    problem = problem_of([planted([late, bent], values)])
+    beside = fit_of(problem, [late], fit_of(problem), {"input-delay.delay": 0.25})
+    (finding,) = found(beside, bent)
+    child = fit_of(problem, [late, bent], beside, finding.starts[0])
+    assert finding.gain == pytest.approx(beside.fit.cost - child.fit.cost, rel=0.05)
+
+
 def test_what_the_declared_parameters_absorb_gains_nothing() -> None:
     _, root = root_of([SensorScale("q")], {"sensor-scale:q.scale": 1.2})
     assert found(root, SensorScale("q"))[0].gain > 100.0
