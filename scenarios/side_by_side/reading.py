@@ -16,6 +16,7 @@ from sim.errors import DeclarationError
 STUDIES = {"comparison.json": "flightid/comparison/1", "diagnosis.json": "flightid/diagnosis/1"}
 WRITERS = "name a folder that run, identify, watch or diagnose wrote with --out"
 BEFORE = "before"  # the method of a diagnosis that is the declared model
+OWN = "own"  # the name of a closed-loop study's main method among its methods
 
 
 def read_columns(studies: Sequence[str], every: bool = False) -> tuple[Column, ...]:
@@ -85,6 +86,8 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     if content["schema"] == STUDIES["diagnosis.json"]:
         return {BEFORE: content}
     methods = content.get("methods")
+    if isinstance(methods, list):  # of a closed-loop study, whose main one stands among them as OWN
+        methods = {str(table.get("name")): table for table in methods if isinstance(table, dict) and table.get("name") != OWN}
     return {name: table for name, table in methods.items() if isinstance(table, dict)} if isinstance(methods, dict) else {}
 
 
@@ -92,7 +95,7 @@ def _column(table: Mapping[str, Any], file: Path, method: str, content: Mapping[
     """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
-    estimator, outcome = table.get("method", ""), table.get("outcome", content.get("outcome", ""))
+    estimator, outcome = table.get("method", table.get("label", "")), table.get("outcome", content.get("outcome", ""))
     if content["schema"] == STUDIES["diagnosis.json"]:
         when = method or "after"
         parameters, derived = (part.get(when) if isinstance(part, dict) else None for part in (parameters, derived))

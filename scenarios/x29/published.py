@@ -39,6 +39,11 @@ class Range:
     frequency_response: float
 
 
+def printed_columns() -> tuple[str, ...]:
+    """Names of the columns of the paper's tables."""
+    return tuple(_document()["loes"])
+
+
 def printed_column(name: str) -> dict[str, Printed]:
     """A column of the paper's tables: final estimates, SI. Raises DeclarationError when there is none."""
     return _column("loes", name)

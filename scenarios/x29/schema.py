@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
@@ -13,6 +13,7 @@ from scenarios.studies.catalogue import with_change
 from scenarios.studies.scenario_file.choices import choices_of
 from scenarios.studies.scenario_file.quantities import Quantity, positive, si, standard_deviations
 from scenarios.x29.declaration import METHODS, Against, LoopEstimation, LoopFlight, LoopScenario, MarginPlan, Spike, StickPlan, Variant
+from scenarios.x29.published import printed_columns
 from sim.errors import DeclarationError
 from sim.vehicles.factory import LOES_DERIVATIVES
 
@@ -123,14 +124,14 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         content.distance,
         _flight(content.flight, f"{where}, key flight"),
         _estimation(content.estimate, f"{where}, key estimate"),
-        tuple(content.published),
+        _known(content.published, printed_columns(), "column", f"{where}, key published"),
         None if against is None else Against(against.scenario, against.label, tuple(against.set)),
         tuple(content.together),
         tuple(_variant(v, document, where, f"variants[{i}]") for i, v in enumerate(content.variants, start=1)),
         _span(content.stretch, f"{where}, key stretch"),
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
-        _methods(content.methods, f"{where}, key methods"),
+        _known(content.methods, METHODS, "method", f"{where}, key methods"),
         _margins(content, where),
         content.seed,
         choices_of(content.own, document, f"{where}, key own"),
@@ -228,10 +229,10 @@ def _margins(content: _Scenario, where: str) -> MarginPlan | None:
     return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
 
 
-def _methods(names: list[str], where: str) -> tuple[str, ...]:
+def _known(names: list[str], known: Collection[str], what: str, where: str) -> tuple[str, ...]:
     for name in names:
-        if name not in METHODS:
-            raise DeclarationError(f"there is no method {name!r}", where=where, remedy=f"use {', '.join(METHODS)}")
+        if name not in known:
+            raise DeclarationError(f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(known)}")
     return tuple(names)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,8 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
         ]
         out["published"]["between_grid_points"] = between_grid_points(study.plain)
     if study.scenario.methods:
-        out["methods"] = [_method(m) for m in (*study.methods, own_method(study))]
+        units = dict(zip(study.plain.estimate.names, study.plain.estimate.units, strict=True))
+        out["methods"] = [_method(m, units) for m in (*study.methods, own_method(study))]
     if study.restarts:
         out["plain_restarts"] = {
             label: {"delays": list(found.delays), "parameters": {name: value.tolist() for name, value in found.values.items()}}
@@ -113,12 +115,12 @@ def _squared(std: float | None) -> float | None:
     return None if std is None else std**2
 
 
-def _method(found: MethodResult) -> dict[str, Any]:
+def _method(found: MethodResult, units: Mapping[str, str]) -> dict[str, Any]:
     return {
         "name": found.name,
         "label": found.label,
         "delay": found.delay,
         "log_likelihood": found.log_likelihood,
-        "parameters": {name: {"estimate": value, "std": found.std[name]} for name, value in found.values.items()},
+        "parameters": {name: {"estimate": value, "std": found.std[name], "unit": units.get(name, "s")} for name, value in found.values.items()},
         **({} if np.isnan(found.frequency) else {"natural_frequency": found.frequency, "damping_ratio": found.damping}),
     }

@@ -15,6 +15,7 @@ from rich.console import Console
 
 from ident.banks.delays import DELAYS
 from ident.banks.single_filter import filter_alone
+from scenarios.side_by_side.reading import read_columns
 from scenarios.x29.declaration import METHODS
 from scenarios.x29.files import write_loop
 from scenarios.x29.methods import plain_restarts
@@ -125,6 +126,11 @@ def test_the_papers_tables_are_written_beside_ours(tmp_path: Path) -> None:
     assert {tuple(row["pair"]) for row in written["published"]["correlation_pairs"]} >= {("delta", "delta_0"), ("M_delta", "M_q")}
     assert written["published"]["checks"]["delay"] == {"low": 0.14, "high": 0.146, "frequency_response": 0.12}
     assert [m["name"] for m in written["methods"]] == [*loop_scenario("x29-flight").methods, "own"]
+    # `flightid compare` reads them as methods of the study, in the units of its main one.
+    main, *methods = read_columns([str(tmp_path / "study")], every=True)
+    assert [column.method for column in methods] == [*loop_scenario("x29-flight").methods] and methods[0].estimator == METHODS["paper"]
+    assert all(value.unit == main.values[name].unit for column in methods for name, value in column.values.items())
+    assert {"L_alpha", "M_q", "inv_tau", "nz_0"} <= methods[0].values.keys()
 
 
 def test_the_time_shift_moves_the_whole_window_of_one_record() -> None:
@@ -138,6 +144,8 @@ def test_the_time_shift_moves_the_whole_window_of_one_record() -> None:
 def test_a_method_that_is_not_there_is_refused() -> None:
     with pytest.raises(DeclarationError, match=r"there is no method 'best'.*refined-printed"):
         loop_scenario("x29-flight", ['methods=["best"]'])
+    with pytest.raises(DeclarationError, match=r"key published: there is no column 'fight'; use simulation, flight"):
+        loop_scenario("x29-flight", ['published=["fight"]'])
     with pytest.raises(DeclarationError, match=r"there is no output 'roll'"):
         loop_scenario("x29-flight", ['flight.noise_variance={roll="1 deg^2"}'])
 
