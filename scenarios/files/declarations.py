@@ -113,7 +113,13 @@ def _one_line(error: ValidationError, schema: type[BaseModel], path: str | Path,
     if "remedy" in context:
         return DeclarationError(str(context["what"]), where=where, remedy=str(context["remedy"]))
     if kind == "too_short":
-        return DeclarationError("there is nothing in it", where=where, remedy="give at least one entry")
+        held, least = len(fault["input"]), int(context.get("min_length", 1))
+        if held:
+            return DeclarationError(f"{held} of at least {least} entries", where=where, remedy=f"give {least} or more")
+        return DeclarationError("there is nothing in it", where=where, remedy=f"give at least {'one entry' if least == 1 else f'{least} entries'}")
+    if kind == "too_long":
+        most = int(context["max_length"])
+        return DeclarationError(f"{len(fault['input'])} entries", where=where, remedy=f"give {most} at most")
     message = fault["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     return DeclarationError(f"value {_shown(fault['input'])} is not {message}", where=where, remedy="correct the value")
 

@@ -127,6 +127,7 @@ SCENARIOS: dict[str, tuple[str, tuple[str, ...]]] = {
     "maneuver": ('flight.maneuvers.1.kind="loop"', ("key flight.maneuvers[1].kind", "'loop'", "'doublet'")),
     "input": ('flight.maneuvers.1.input="rudder"', ("key flight.maneuvers[1]", "no input 'rudder'", "elevator")),
     "output": ('estimate.outputs=["beta"]', ("no output 'beta'", "alpha, q, nz")),
+    "few factors": ("sweep.frequency_factors=[1, 2]", ("key sweep.frequency_factors", "2 of at least 3 entries", "give 3 or more")),
     "no output": ("estimate.outputs=[]", ("key estimate.outputs", "nothing in it")),
     "parameter": ("estimate.start.CL_beta={value=1, std=1}", ("key start", "no parameter 'CL_beta'", "CL_alpha")),
     "spread of zero": ("estimate.start.CL_q.std=0", ("key estimate.start.CL_q.std", "not above 0")),
