@@ -10,6 +10,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
 from scenarios.studies.declaration import Scenario
+from scenarios.studies.scenario_file.choices import standing_choices
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
@@ -76,7 +77,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
         document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
     else:
         document, short = _beside(tomllib.loads(scenario_text(name)), Path(str(files("scenarios").joinpath("catalog")))), name
-    return with_changes(document, changes), short, where
+    return standing_choices(with_changes(document, changes), document), short, where
 
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:

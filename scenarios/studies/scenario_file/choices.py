@@ -36,6 +36,34 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
             raise DeclarationError(f"{reason!r} is no reason", where=f"{where}.{key}", remedy="say in words why this value was chosen")
 
 
+def standing_choices(after: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """A scenario's content ``after`` changes, its tables ``own`` and those of its methods without entries whose value the changes took away."""
+    out = {**after, "own": _standing(after["own"], before, after)} if isinstance(after.get("own"), Mapping) else after
+    methods, were = after.get("methods"), before.get("methods")
+    if not (isinstance(methods, list) and isinstance(were, list) and len(methods) == len(were)):
+        return out
+    return {**out, "methods": [_method(now, was, after, before) for now, was in zip(methods, were, strict=True)]}
+
+
+def _method(now: Any, was: Any, after: Mapping[str, Any], before: Mapping[str, Any]) -> Any:
+    """A method likewise: what it does not declare is the main one's."""
+    if not (isinstance(now, Mapping) and isinstance(was, Mapping) and isinstance(now.get("own"), Mapping)):
+        return now
+    merged = [
+        {**each["estimate"], **method} if isinstance(each.get("estimate"), Mapping) else method for each, method in ((before, was), (after, now))
+    ]
+    return {**now, "own": _standing(now["own"], *merged)}
+
+
+def _standing(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
+    out = {}
+    for name, reason in own.items():
+        was, now = _inside(before, name), _inside(after, name)
+        if was is None or now is not None:
+            out[name] = _standing(reason, was, now) if isinstance(reason, Mapping) and was is not None else reason
+    return out
+
+
 def _inside(table: Any, name: str) -> Any:
     """An entry of a table, or of a list by its number from one; None where it is not there."""
     if isinstance(table, list):

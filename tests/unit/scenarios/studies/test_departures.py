@@ -48,6 +48,16 @@ def test_long_lists_are_counted() -> None:
     assert value_text(list(range(7))) == "(7 entries)" and value_text([{"a": 1}]) == "(1 entries)"
 
 
+def test_a_choice_whose_value_a_change_takes_away_is_left_out() -> None:
+    step = '[{input="elevator", kind="step", amplitude=0.02, start="1 s"}]'
+    before, after = (load_scenario("rigid", changes) for changes in ([], [f"flight.maneuvers={step}"]))
+    assert [each.key for each in before.choices if each not in after.choices] == ["flight.maneuvers.1.unit"]
+    before, after = (load_scenario("rigid-euler", changes) for changes in ([], ['methods.1.flight={duration="7 s"}']))
+    assert [each.key for each in before.estimations[1].choices] == ["flight.rate"] and after.estimations[1].choices == ()
+    with pytest.raises(DeclarationError, match=r"key own.flight.unit: the file has no such value"):
+        load_scenario("rigid", ['own.flight.unit="why"'])
+
+
 def test_a_method_sees_its_own_flight_and_the_others_the_scenarios() -> None:
     scenario = scenario_of(short(rate="40 Hz", noise_std={"alpha": 0.001, "q": 0.002}), "short", "short.toml")
     main, other, same = scenario.estimations
