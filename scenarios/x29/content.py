@@ -26,7 +26,8 @@ from sim.vehicles.factory import LOES_DERIVATIVES
 
 def loop_comparison(study: LoopStudy) -> dict[str, Any]:
     """Content of ``comparison.json``. There is no ``true``: the loop is of higher order than the model; ``loop_equivalent`` is the
-    low-order fit to the linear loop's own frequency response, and what differs from it beyond sigma is the model's bias."""
+    low-order fit to the linear loop's own frequency response with the paper's L_q; what differs beyond sigma from the one with the
+    flown L_q is the model's bias."""
     result, scenario = study.result, study.scenario
     estimate, bank = result.estimate, result.bank
     content: dict[str, Any] = {
@@ -190,9 +191,11 @@ def _states(study: LoopStudy) -> dict[str, Any]:
 
 
 def _check(study: LoopStudy) -> dict[str, Any]:
-    loop, record = study.check.loop, study.check.record
+    check, record = study.check, study.check.record
     names = (*LOES_DERIVATIVES, "natural_frequency", "damping_ratio")
-    out: dict[str, Any] = {"loop": {name: float(getattr(loop, name)) for name in names}, "mean_coherence": study.check.coherence}
+    loops = {"loop": check.loop, "loop_with_flown_L_q": check.flown}
+    out: dict[str, Any] = {key: {name: float(getattr(loop, name)) for name in names} for key, loop in loops.items()}
+    out["mean_coherence"] = check.coherence
     return {**out, "record": {name: float(value) for name, value in record.items()}} if record is not None else out
 
 

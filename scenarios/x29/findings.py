@@ -20,7 +20,7 @@ PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase marg
 
 @dataclass(frozen=True)
 class BiasRow:
-    """An estimate that differs from the loop's own low-order equivalent by more than its sigma tells."""
+    """An estimate that differs from the loop's low-order equivalent with the flown L_q by more than its sigma tells."""
 
     name: str
     estimate: float
@@ -30,10 +30,10 @@ class BiasRow:
 
 def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
     """Differences beyond two sigmas. Sigmas are those of white innovations: the rest is the bias of a model of low order.
-    L_q is left out: the loop's equivalent holds it at a value."""
+    The equivalent holds L_q at what flies, which the filter finds: held elsewhere it has another L_alpha. L_q itself is left out."""
     estimate, rows = study.result.estimate, []
     for name, value, std in zip(estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True):
-        equivalent = getattr(study.check.loop, name, None)
+        equivalent = getattr(study.check.flown, name, None)
         if equivalent is None or name == "L_q":
             continue
         expected = equivalent - HALF_FRAME if name == "delay" else equivalent
@@ -66,18 +66,19 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         f"delay: most likely of the bank {bank.most_likely:.3f} s, likelihood-weighted sum {bank.weighted_mean:.4f} s, "
         f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds {100 * float(bank.weights.max()):.1f} % of the weight"
     )
+    rows = bias_rows(study) if study.result.flown.truth is not None else ()
     if study.result.flown.truth is not None:
-        rows = bias_rows(study)
         listed = "; ".join(f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)" for r in rows)
-        if rows:
-            out.append(f"bias of a model of low order, beyond two sigmas of white innovations: {listed}")
+        held = f"the loop's own equivalent with the flown L_q, {study.check.flown.L_q:g}"
+        out.append(f"bias of a model of low order against {held}, beyond two sigmas of white innovations: {listed or 'none'}")
     held_back = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
     if held_back:
         out.append(
             f"P0 contradicts the record, ends in its sigmas from the start: {', '.join(held_back)}; the start holds these back, a restart moves on"
         )
     for name, other, r in not_identifiable(study.result.estimate):
-        out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}; it holds the bias of the model's order")
+        holds = "; it holds the bias of the model's order" if name in {row.name for row in rows} else ""
+        out.append(f"{name} is not identifiable on this record: its correlation with {other} is {r:+.2f}{holds}")
     record, own_frequency = study.check.record, study.result.quality("natural_frequency")
     if record is not None and own_frequency is not None and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE:
         off = 100.0 * (record["natural_frequency"] / own_frequency.value - 1.0)

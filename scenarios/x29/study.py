@@ -54,10 +54,11 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class ResponseCheck:
-    """Delay and damping without a filter: of the loop's own frequency response and of the record's spectral estimate (None where
-    the record cannot give one)."""
+    """Without a filter: of the loop's own frequency response, with the paper's L_q (``loop``) and with the ``flown`` one, on which L_alpha
+    hangs; of the record's spectral estimate (None where the record cannot give one)."""
 
     loop: EquivalentSystem
+    flown: EquivalentSystem
     record: Mapping[str, float] | None
     coherence: float
 
@@ -175,21 +176,22 @@ def response_check(result: Result) -> ResponseCheck:
     """The low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.flown.x29
     loop = equivalent_system(x29)
+    flown = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)  # a low-order truth is `loop`
     std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
-        return ResponseCheck(loop, None, 0.0)
+        return ResponseCheck(loop, flown, None, 0.0)
     start = {name: result.estimate.value(name) for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")}
     system = compile_model(low_order_model(x29, {**start, "delay": result.bank.refined}).with_noise(Noise(std)))
     fit = fit_response(response, system, FREE_IN_RESPONSE)
     v = {**fit.values, "L_q": start["L_q"]}
     stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
     if not (fit.converged and stiffness > 0):
-        return ResponseCheck(loop, None, float(response.coherence.mean()))
+        return ResponseCheck(loop, flown, None, float(response.coherence.mean()))
     frequency = float(np.sqrt(stiffness))
     v |= {"natural_frequency": frequency, "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)}
-    return ResponseCheck(loop, v, float(response.coherence.mean()))
+    return ResponseCheck(loop, flown, v, float(response.coherence.mean()))
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:

@@ -67,7 +67,8 @@ def equivalent_system(x29: X29, L_q: float = 1.01, low: float = 0.35, high: floa
     """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay), ``points`` from ``low`` to ``high`` rad/s.
 
     The response is taken from frame to frame, without the hold of the sampled stick; the delay of a record whose stick is held
-    between 40 Hz samples comes out about half a frame (6 ms) shorter. L_delta is poorly determined and mostly model-order bias.
+    between 40 Hz samples comes out about half a frame (6 ms) shorter. L_delta is poorly determined:
+    mostly what an ``L_q`` leaves that is not the airframe's.
     """
     omega = np.geomspace(low, high, points)
     response = frequency_response(x29, omega, recorded=True)

@@ -15,12 +15,12 @@ from scenarios.studies.catalogue import scenario_names, scenario_text
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.estimating import set_up
 from scenarios.x29.files import write_loop
-from scenarios.x29.findings import not_identifiable, sentences
+from scenarios.x29.findings import bias_rows, not_identifiable, sentences
 from scenarios.x29.flying import fly_loop
 from scenarios.x29.published import printed_column
-from scenarios.x29.study import LoopStudy, loop_scenario, run_loop
-from scenarios.x29.verdicts import verdicts
-from sim.closed_loop.equivalent import equivalent_system
+from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop
+from scenarios.x29.verdicts import HALF_FRAME, verdicts
+from sim.closed_loop.equivalent import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine
 
@@ -103,6 +103,26 @@ def test_simulation_and_flight_agree_with_the_loops_own_equivalent() -> None:
         assert result.bank.refined == pytest.approx(loop.delay, abs=0.015)
     assert flight.differences is not None
     assert {"L_alpha", "M_alpha", "M_q", "delay"} <= {item.name for item in flight.differences.beyond}
+
+
+def test_bias_is_told_against_the_equivalent_that_flies() -> None:
+    # Held at the paper's L_q, the equivalent has an L_alpha that no airframe flies and no filter finds.
+    flight = study("x29-flight")
+    check, airframe = flight.check, flight.result.flown.x29.airframe
+    assert (check.loop.L_q, check.flown.L_q) == (1.01, airframe.L_q) and airframe.L_q < 1.0
+    assert check.flown.L_alpha == pytest.approx(airframe.L_alpha, rel=0.003) and abs(check.loop.L_alpha / airframe.L_alpha - 1.0) > 0.015
+    assert check.flown.mismatch < 0.2 * check.loop.mismatch
+    assert "L_alpha" not in [row.name for row in bias_rows(flight)]
+    assert "against the loop's own equivalent with the flown L_q, 0.994," in " ".join(sentences(flight))
+    assert "white innovations: none" in " ".join(sentences(replace(flight, check=replace(check, flown=_estimated(flight)))))
+    # A low-order truth flies the equivalent with the paper's L_q.
+    low = response_check(replace(flight.result, flown=replace(flight.result.flown, truth=None)))
+    assert low.flown == low.loop == check.loop
+
+
+def _estimated(found: LoopStudy) -> EquivalentSystem:
+    values = {name: found.result.estimate.value(name) for name in ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")}
+    return replace(found.check.flown, **{**values, "delay": values["delay"] + HALF_FRAME})  # type: ignore[arg-type]
 
 
 def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
