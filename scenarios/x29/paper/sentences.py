@@ -172,7 +172,7 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
 
 def _reason(found: dict[str, MethodResult], study: LoopStudy) -> str:
     """What the grid, the linearisation and P0 each change of 1/tau and M_alpha."""
-    plain, refined, loop = study.plain, study.result.bank.refined, study.check.loop
+    plain, refined, loop = study.plain, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
         return ", ".join(f"{each} {found[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha"))
@@ -189,7 +189,7 @@ def _reason(found: dict[str, MethodResult], study: LoopStudy) -> str:
         word = "narrower" if quarter < printed else "wider"
         rule = f"P0 a quarter of the start, {word} on M_q (sigma {quarter:.2f} for {printed:.2f})"
         steps += [f"both: {at('refined-printed')}", f"and {rule}: {at('own')}"]
-    return f"taken apart: {'; '.join(steps)}; the loop's own equivalent has inv_tau {loop.inv_tau:.3g}, M_alpha {loop.M_alpha:.3g}"
+    return f"taken apart: {'; '.join(steps)}; the loop's own equivalent with the flown L_q has inv_tau {loop.inv_tau:.3g}, M_alpha {loop.M_alpha:.3g}"
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
