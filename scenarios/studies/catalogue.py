@@ -10,6 +10,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
 from scenarios.studies.declaration import Scenario
+from scenarios.studies.scenario_file.choices import without_gone
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
@@ -114,7 +115,10 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         value = text
     path = key.strip().split(".")
-    return _put(document, path, value, key.strip())
+    changed: dict[str, Any] = _put(document, path, value, key.strip())
+    if isinstance(document.get("own"), dict) and path[0] != "own":
+        changed["own"] = without_gone(document["own"], document, changed)
+    return changed
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:

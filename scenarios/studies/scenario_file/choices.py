@@ -36,6 +36,19 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
             raise DeclarationError(f"{reason!r} is no reason", where=f"{where}.{key}", remedy="say in words why this value was chosen")
 
 
+def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
+    """What ``own`` says of values that a change of the document took away is left out."""
+    out: dict[str, Any] = {}
+    for name, reason in own.items():
+        old, new = _inside(before, name), _inside(after, name)
+        if new is None and old is not None:
+            continue
+        kept = without_gone(reason, old, new) if isinstance(reason, Mapping) else reason
+        if kept != {} or reason == {}:
+            out[name] = kept
+    return out
+
+
 def _inside(table: Any, name: str) -> Any:
     """An entry of a table, or of a list by its number from one; None where it is not there."""
     if isinstance(table, list):

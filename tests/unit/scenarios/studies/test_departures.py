@@ -48,6 +48,14 @@ def test_long_lists_are_counted() -> None:
     assert value_text(list(range(7))) == "(7 entries)" and value_text([{"a": 1}]) == "(1 entries)"
 
 
+def test_a_change_takes_along_what_was_said_of_values_that_it_removes() -> None:
+    """A maneuver without a unit of its own has no choice of the unit; what is there still is told with its new value."""
+    scenario = load_scenario("rigid", ['flight.maneuvers=[{input="elevator", kind="multisine", duration="8 s"}]', "flight.rate=50 Hz"])
+    told = {choice.key: choice.value for choice in scenario.choices}
+    assert "flight.maneuvers.1.unit" not in told and told["flight.rate"] == "50 Hz"
+    assert "flight.maneuvers.1.unit" in {choice.key for choice in load_scenario("rigid").choices}
+
+
 def test_a_method_sees_its_own_flight_and_the_others_the_scenarios() -> None:
     scenario = scenario_of(short(rate="40 Hz", noise_std={"alpha": 0.001, "q": 0.002}), "short", "short.toml")
     main, other, same = scenario.estimations
