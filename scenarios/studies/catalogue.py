@@ -10,7 +10,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest, read_toml
 from scenarios.studies.declaration import Scenario
-from scenarios.studies.scenario_file.choices import standing_choices
+from scenarios.studies.scenario_file.choices import methods_without_gone, without_gone
 from sim.errors import DeclarationError
 
 IDENTIFICATION = "identification"
@@ -77,7 +77,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
         document, short = _beside(read_toml(name), Path(name).parent), Path(name).stem
     else:
         document, short = _beside(tomllib.loads(scenario_text(name)), Path(str(files("scenarios").joinpath("catalog")))), name
-    return standing_choices(with_changes(document, changes), document), short, where
+    return with_changes(document, changes), short, where
 
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -115,7 +115,10 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         value = text
     path = key.strip().split(".")
-    return _put(document, path, value, key.strip())
+    changed: dict[str, Any] = _put(document, path, value, key.strip())
+    if isinstance(document.get("own"), dict) and path[0] != "own":
+        changed["own"] = without_gone(document["own"], document, changed)
+    return methods_without_gone(document, changed) if path[0] in ("estimate", "methods") else changed
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:

@@ -149,14 +149,6 @@ CHEAP: Sequence[Case] = (
     ),
     Case("delay", TRAINER, always(Hidden(command=(flights.delayed(0.047),))), one("input-delay"), parameters={"input-delay.delay": 0.047}),
     Case("vane ahead", LINER, always(Hidden(vane_arm=8.5)), one("vane-offset"), parameters={"vane-offset.arm": 8.5}),
-    Case(
-        "spikes and free play",
-        FIGHTER,
-        always(Hidden(command=(flights.slack(0.004),), spikes={"q": [(150, 0.05), (433, -0.04), (701, 0.06)]})),
-        one("input-backlash", "sensor-spikes:q"),
-        parameters={"input-backlash.half_width": 0.004},
-    ),
-    Case("gust of another form", FIGHTER, half_sine(0.9, 12.3, 1.3), one("gust-discrete"), validate=half_sine(-0.8, 10.1, 0.9)),
     Case("product of angle and elevator", LINER, always(Hidden(moment=lambda t, a, q, e: 9.0 * a * e)), (frozenset(),), ("unexplained",)),
 )
 
@@ -187,6 +179,14 @@ def beside_late_alpha(name: str, aircraft: Aircraft, hidden: Hidden, parameter: 
 LATE_NZ = (frozenset({"sensor-lag:nz"}), frozenset({"sensor-delay:nz"}))
 NONE = (frozenset[str](),)
 DEAR: Sequence[Case] = (
+    Case(
+        "spikes and free play",
+        FIGHTER,
+        always(Hidden(command=(flights.slack(0.004),), spikes={"q": [(150, 0.05), (433, -0.04), (701, 0.06)]})),
+        one("input-backlash", "sensor-spikes:q"),
+        parameters={"input-backlash.half_width": 0.004},
+    ),
+    Case("gust of another form", FIGHTER, half_sine(0.9, 12.3, 1.3), one("gust-discrete"), validate=half_sine(-0.8, 10.1, 0.9)),
     Case("clean without load factor", TRAINER, always(Hidden()), NONE, ("consistent",), channels=("alpha", "q"), seed=21),
     Case("clean with heavy tails", FIGHTER, always(Hidden()), NONE, ("consistent",), tails=3.5, seed=22),
     Case("late load factor", TRAINER, always(Hidden(sensors={"nz": flights.shown_lagged(0.062)})), LATE_NZ),

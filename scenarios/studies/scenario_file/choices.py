@@ -36,32 +36,32 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
             raise DeclarationError(f"{reason!r} is no reason", where=f"{where}.{key}", remedy="say in words why this value was chosen")
 
 
-def standing_choices(after: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """A scenario's content ``after`` changes, its tables ``own`` and those of its methods without entries whose value the changes took away."""
-    out = {**after, "own": _standing(after["own"], before, after)} if isinstance(after.get("own"), Mapping) else after
-    methods, were = after.get("methods"), before.get("methods")
-    if not (isinstance(methods, list) and isinstance(were, list) and len(methods) == len(were)):
-        return out
-    return {**out, "methods": [_method(now, was, after, before) for now, was in zip(methods, were, strict=True)]}
-
-
-def _method(now: Any, was: Any, after: Mapping[str, Any], before: Mapping[str, Any]) -> Any:
-    """A method likewise: what it does not declare is the main one's."""
-    if not (isinstance(now, Mapping) and isinstance(was, Mapping) and isinstance(now.get("own"), Mapping)):
-        return now
-    merged = [
-        {**each["estimate"], **method} if isinstance(each.get("estimate"), Mapping) else method for each, method in ((before, was), (after, now))
-    ]
-    return {**now, "own": _standing(now["own"], *merged)}
-
-
-def _standing(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
-    out = {}
+def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
+    """What ``own`` says of values that a change of the document took away is left out."""
+    out: dict[str, Any] = {}
     for name, reason in own.items():
-        was, now = _inside(before, name), _inside(after, name)
-        if was is None or now is not None:
-            out[name] = _standing(reason, was, now) if isinstance(reason, Mapping) and was is not None else reason
+        old, new = _inside(before, name), _inside(after, name)
+        if new is None and old is not None:
+            continue
+        kept = without_gone(reason, old, new) if isinstance(reason, Mapping) else reason
+        if kept != {} or reason == {}:
+            out[name] = kept
     return out
+
+
+def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """A changed document likewise in the table ``own`` of each method; what a method does not declare is the main one's."""
+    were, now = before.get("methods"), after.get("methods")
+    if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
+        return after
+    return {**after, "methods": [_method(old, new, before, after) for old, new in zip(were, now, strict=True)]}
+
+
+def _method(old: Any, new: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -> Any:
+    if not (isinstance(old, Mapping) and isinstance(new, Mapping) and isinstance(new.get("own"), Mapping)):
+        return new
+    main = [document["estimate"] if isinstance(document.get("estimate"), Mapping) else {} for document in (before, after)]
+    return {**new, "own": without_gone(new["own"], {**main[0], **old}, {**main[1], **new})}
 
 
 def _inside(table: Any, name: str) -> Any:

@@ -158,6 +158,7 @@ def test_wrong_declarations_are_told(change: str, told: str) -> None:
         fly_trace(scenario("trace-delay", change), 1)
 
 
+@pytest.mark.slow
 def test_a_late_rudder_is_told_from_the_ailerons() -> None:
     study = run_trace(scenario("trace-lateral-rudder"))
     assert study.grade is Grade.RIGHT

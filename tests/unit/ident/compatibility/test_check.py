@@ -73,6 +73,7 @@ def test_several_records_share_the_fault_and_each_shows_it_by_itself() -> None:
     assert biases[1] - biases[0] == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_fault_of_one_record_alone_does_not_replicate() -> None:
     records = [record(sensors=Sensors(delay={"alpha": 0.06}) if i == 0 else Sensors(), seed=i, name=str(i)) for i in range(3)]
     found = compatibility(records, SETTINGS)

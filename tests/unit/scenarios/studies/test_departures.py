@@ -48,10 +48,12 @@ def test_long_lists_are_counted() -> None:
     assert value_text(list(range(7))) == "(7 entries)" and value_text([{"a": 1}]) == "(1 entries)"
 
 
-def test_a_choice_whose_value_a_change_takes_away_is_left_out() -> None:
-    step = '[{input="elevator", kind="step", amplitude=0.02, start="1 s"}]'
-    before, after = (load_scenario("rigid", changes) for changes in ([], [f"flight.maneuvers={step}"]))
-    assert [each.key for each in before.choices if each not in after.choices] == ["flight.maneuvers.1.unit"]
+def test_a_change_takes_along_what_was_said_of_values_that_it_removes() -> None:
+    """A maneuver without a unit of its own has no choice of the unit; what is there still is told with its new value."""
+    scenario = load_scenario("rigid", ['flight.maneuvers=[{input="elevator", kind="multisine", duration="8 s"}]', "flight.rate=50 Hz"])
+    told = {choice.key: choice.value for choice in scenario.choices}
+    assert "flight.maneuvers.1.unit" not in told and told["flight.rate"] == "50 Hz"
+    assert "flight.maneuvers.1.unit" in {choice.key for choice in load_scenario("rigid").choices}
     before, after = (load_scenario("rigid-euler", changes) for changes in ([], ['methods.1.flight={duration="7 s"}']))
     assert [each.key for each in before.estimations[1].choices] == ["flight.rate"] and after.estimations[1].choices == ()
     with pytest.raises(DeclarationError, match=r"key own.flight.unit: the file has no such value"):

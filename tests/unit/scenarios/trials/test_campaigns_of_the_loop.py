@@ -63,6 +63,7 @@ def test_flights_are_counted_in_groups_and_together(
         assert (together["detected"], together["named right"], together["named wrong"]) == ("9", "1", "8")
 
 
+@pytest.mark.slow
 def test_papers_are_drawn_flown_and_marked(capsys: pytest.CaptureFixture[str]) -> None:
     run_campaign("random-papers", 3, 5, None, [])
     said = capsys.readouterr().out

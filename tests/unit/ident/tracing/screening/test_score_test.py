@@ -119,6 +119,7 @@ def test_the_projected_gain_of_a_small_regular_effect_is_that_of_a_refit(effect:
 def test_beside_a_late_input_candidates_are_driven_by_the_input_as_it_was_fitted() -> None:
     """Not by one that is late by what the delay began with."""
     late, bent = find_effect("input-delay", ShortPeriod()), MomentOfControlSquared()
+    assert isinstance(late, Traceable)
     values = {"input-delay.delay": 0.3, "control-squared.gain": 0.4}
     problem = problem_of([planted([late, bent], values)])
     beside = fit_of(problem, [late], fit_of(problem), {"input-delay.delay": 0.25})
