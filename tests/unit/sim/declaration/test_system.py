@@ -328,4 +328,4 @@ def test_effects_of_one_class_may_have_methods_of_their_own() -> None:
     model, idle, scaled = rigid_model(), Assembled("idle"), Assembled("scaled")
     object.__setattr__(scaled, "read", lambda s, y, vehicle, p: {"alpha": p.size * y["alpha"]})
     plain, first, second = (parts_of(model.with_effects(*effects), None, False).readings for effects in ((), (idle,), (scaled,)))
-    assert plain == first == () and second == (scaled,)
+    assert plain == first == () and [each.name for each in second] == [scaled.name]
