@@ -76,7 +76,7 @@ def propagated(
         gradient = {name: row for name, row in gradient.items() if name in above and name in below}
         for name, row in gradient.items():
             row[column] = (above[name] - below[name]) / (2.0 * step)
-    return tuple(gradient), np.array([centre[name] for name in gradient]), np.array([*gradient.values()]).reshape(-1, len(index))
+    return tuple(gradient), np.array([centre[name] for name in gradient]), np.array([*gradient.values()]).reshape(len(gradient), len(index))
 
 
 def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], dict[str, float]]:

@@ -19,8 +19,10 @@ def inverse_information(information: np.ndarray, size: np.ndarray | float = 0.0,
     """Covariance ``(n, n)`` and whether every direction is determined.
 
     A direction that holds less than ``floor`` of the scaled information keeps a finite, very large sigma: ``1 / sqrt(floor)`` in units of
-    ``conditional_scale``. ``size`` of the unknowns: see there.
+    ``conditional_scale``. ``size`` of the unknowns: see there. Of no unknown at all nothing is open.
     """
+    if not len(information):
+        return np.zeros((0, 0)), True
     square, values, vectors = _spectrum(information, size)
     least = floor * (float(values[-1]) if values[-1] > 0 else 1.0)
     return square * ((vectors / np.maximum(values, least)) @ vectors.T), bool(values[0] > least)

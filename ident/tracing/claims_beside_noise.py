@@ -60,11 +60,12 @@ def helpful(held: HeldOutData, ledger: Ledger, partial: Partial | None) -> tuple
 def predicts_no_better(held: HeldOutData, partial: Partial) -> bool:
     """Whether data that were not fitted are predicted no better with what replicates; of events alone, which need not be there, worse.
 
-    Where they take part in choosing they are half of the evidence, and a record that hardly moves is none.
+    Where they take part in choosing they are half of the evidence, and a record that hardly moves is none. What is fitted to them lowers
+    their error by all that it brings, noise or not, so that half of that says nothing.
     """
     if partial.events_alone:
         return no_better(held.declared, partial.out)
-    return hardly_better(held.declared, partial.out, weak=not held.choosing)
+    return hardly_better(held.declared, partial.out, weak=not (held.choosing or partial.learnt_there))
 
 
 def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:

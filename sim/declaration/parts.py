@@ -110,13 +110,13 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
 
 
 def _following(model: Model, protocol: Any) -> list[Any]:
-    """The effects of a model that follow a protocol: asked once for each class, since the answer looks at every attribute."""
+    """The effects of a model that follow a protocol: asked once for each class and names of its attributes, since the answer looks at all of them."""
     found = []
     for effect in model.effects:
-        known = _FOLLOWED.setdefault(type(effect), {})
-        if protocol not in known:
-            known[protocol] = isinstance(effect, protocol)
-        if known[protocol]:
+        known, asked = _FOLLOWED.setdefault(type(effect), {}), (protocol, *getattr(effect, "__dict__", ()))
+        if asked not in known:
+            known[asked] = isinstance(effect, protocol)
+        if known[asked]:
             found.append(effect)
     return found
 

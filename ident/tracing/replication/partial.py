@@ -34,13 +34,17 @@ class Validated:
 
 @dataclass(frozen=True, eq=False)
 class Partial:
-    """Cross-validated effects: the claims, their set fitted to the training records, what it predicts of the others, whether all are events."""
+    """Cross-validated effects: the claims, their set fitted to the training records, what it predicts of the others.
+
+    ``events_alone`` : whether all are events. ``learnt_there`` : whether one has values in those other records that are fitted to them.
+    """
 
     claims: tuple[Claim, ...]
     fitted: FittedModel
     out: HeldOut
     validated: Validated
     events_alone: bool = False
+    learnt_there: bool = False
 
 
 def cross_validated(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
@@ -72,7 +76,8 @@ def as_partial(ledger: Ledger, base: FittedModel, held: HeldOutData, validated: 
         *(_claim(fitted, item, said - {item.best.effect.name}) for item in chosen),
     )
     events_alone = all(is_event(item.best.effect) for item in chosen)
-    return ledger, Partial(claims, fitted, predicted_by(fitted, held), validated, events_alone)
+    learnt_there = any(belongs_to_record(item.best.effect) for item in chosen)
+    return ledger, Partial(claims, fitted, predicted_by(fitted, held), validated, events_alone, learnt_there)
 
 
 def on_other_samples(ledger: Ledger, base: FittedModel, held: HeldOutData, before: Validated) -> tuple[Ledger, Partial | None]:

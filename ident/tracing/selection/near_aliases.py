@@ -80,7 +80,7 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
         # bent far says of it.
         twin, alias = finding.effect.name in effect.traits.equivalents, finding.effect.name in effect.aliases
         least = thresholds.HOPELESS_IN_SEARCH if is_event(effect) else thresholds.LOOKS_ALIKE
-        seen = there.get(finding.effect)
+        seen = there.get(finding.effect.name)
         promising = alias or max(finding.gain, seen.gain if seen is not None else 0.0) >= least * brought
         if not twin and (ledger.exhausted or not promising):
             continue
@@ -101,12 +101,14 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
     return ledger, found
 
 
-def _where_the_rest_stands(ledger: Ledger, best: FittedModel, effect: Traceable, candidates: Sequence[Traceable]) -> dict[Traceable, Finding]:
+def _where_the_rest_stands(ledger: Ledger, best: FittedModel, effect: Traceable, candidates: Sequence[Traceable]) -> dict[str, Finding]:
     """Candidates for the place of an effect, screened with all else as it is in ``best``: a fit without the effect bends to what that did."""
     if has_process_noise(best.system):
         return {}
     held = ledger.problem.at_values(tuple(other for other in best.effects if other is not effect), best)
-    return {} if held is None else {finding.effect: finding for finding in screen(held, candidates, search_context(held, ledger.problem.predicted))}
+    return (
+        {} if held is None else {finding.effect.name: finding for finding in screen(held, candidates, search_context(held, ledger.problem.predicted))}
+    )
 
 
 def _from_there(

@@ -57,7 +57,12 @@ class LaggedLoads:
 
     @property
     def states(self) -> tuple[Signal, ...]:
-        return (Signal("late_angle", self.counted_in, f"{self.flown}, late"),)
+        return (Signal(self._late, self.counted_in, f"{self.flown}, late"),)
+
+    @property
+    def _late(self) -> str:
+        """Of several each has its own, under a name that no user's signal can have."""
+        return f"{self.of}, late" if self.of else "late_angle"
 
     @property
     def explanation(self) -> str:
@@ -82,11 +87,11 @@ class LaggedLoads:
         return (Parameter("lag", 0.3, "s", bounds=(0.01, 20.0)), *loads)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
-        ahead = self._angle(s) - s.late_angle
+        ahead = self._angle(s) - getattr(s, self._late)
         return {port: getattr(p, port) * ahead for port in self.ports}
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
-        return ((self._angle(s) - s.late_angle) / p.lag,)
+        return ((self._angle(s) - getattr(s, self._late)) / p.lag,)
 
     def _angle(self, s: Any) -> Any:
         angle = getattr(s, self.angle)

@@ -47,6 +47,35 @@ def late_sensor(model: Model) -> Effect:
     return found[0]
 
 
+CONSTANTS_ONLY = '''"""A tank that drains as it is known to do."""
+
+from sim.declaration import own_model
+
+MODEL = own_model(
+    name="tank",
+    states={"level": "m"},
+    inputs={"inflow": "m/s"},
+    outputs={"level": "m"},
+    constants={"drain": (1.0, "1/s")},
+    parameters={},
+    rates=lambda s, p: {"level": s.inflow - p.drain * s.level},
+    readings=lambda s, p: {"level": s.level},
+)
+'''
+
+
+def test_a_model_of_which_nothing_is_estimated_is_diagnosed(flightid: CommandLine, tmp_path: Path) -> None:
+    """Only the bias of its sensor is fitted; whether it stands can be asked all the same."""
+    path = model_file(tmp_path, CONSTANTS_ONLY, "tank.py")
+    model = read_own_model(path).model
+    moved = alternating(0.5, [0.5, 0.7, 0.4, 1.1, 0.3], start=1.0)
+    for seed, stem in ((1, "one"), (2, "two")):
+        record, _ = fly(model, moved, sample_times(20.0, 10.0), np.random.default_rng(seed), measurement=Measurement({"level": 0.01}), step=0.01)
+        write_record(tmp_path, record, stem)
+    printed = flightid.done("diagnose", tmp_path / "one.csv", "--validate", tmp_path / "two.csv", "--model", path, "--no-figures")
+    assert "CONSISTENT" in printed
+
+
 def test_a_mass_on_a_spring_is_identified(flightid: CommandLine, tmp_path: Path) -> None:
     path, model = declared(tmp_path)
     record = pushed(tmp_path, model, 1)

@@ -16,6 +16,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, OnlineForm, ReadingEffect, Regularity, Signal, Station, full_name
 from sim.declaration.model import Model, Noise
 from sim.declaration.parameters import Parameter
+from sim.declaration.parts import parts_of
 from sim.declaration.system import System
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
@@ -307,3 +308,24 @@ def test_full_names_of_parameters_decide_where_values_go() -> None:
     np.testing.assert_allclose(shifted[0], base[0] + 0.1, rtol=1e-13)
     np.testing.assert_array_equal(shifted[1], base[1])
     assert isinstance(Scale(), ReadingEffect)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An effect whose methods are given to each instance."""
+
+    name: str
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ()
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("size", 2.0, "1"),)
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 1.0})
+    explanation: ClassVar[str] = "For this test."
+
+
+def test_effects_of_one_class_may_have_methods_of_their_own() -> None:
+    """What the first of a class lacks the second may have."""
+    model, idle, scaled = rigid_model(), Assembled("idle"), Assembled("scaled")
+    object.__setattr__(scaled, "read", lambda s, y, vehicle, p: {"alpha": p.size * y["alpha"]})
+    plain, first, second = (parts_of(model.with_effects(*effects), None, False).readings for effects in ((), (idle,), (scaled,)))
+    assert plain == first == () and [each.name for each in second] == [scaled.name]

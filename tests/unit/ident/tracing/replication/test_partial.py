@@ -18,11 +18,12 @@ from ident.tracing.replication import known_motion
 from ident.tracing.replication import partial as told
 from ident.tracing.replication.by_record import Flight, most_telling
 from ident.tracing.replication.comparison import CrossValidation
-from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.replication.partial import Partial, Validated, cross_validated
 from ident.tracing.replication.weighing import weigh
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.validation.held_out import HeldOut, HeldOutData
+from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
+from ident.tracing.verdict import hardly_better
 from ident.tracing.weighed import ComparedSet, Ground
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
@@ -183,11 +184,27 @@ def test_events_alone_need_not_lower_the_error_of_data_held_out_only_not_raise_i
     assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), said) is no_better
 
 
+def test_what_is_fitted_to_the_data_held_out_has_to_lower_their_error_by_a_twentieth() -> None:
+    """A change of speed that is not there takes some noise along, and by all that it could bring: half of that would be no bar."""
+    problem, speed = problem_of([planted([], {}, seed) for seed in (1, 2)]), SpeedVariation()
+    root = fit_of(problem)
+    fitted = fit_of(problem, [speed], root)
+    passed = []
+    for seed in range(11, 15):
+        record = planted([], {}, seed)
+        before, after = (held_out(each, [record], None, informed=False) for each in (root, fitted))
+        passed.append(not hardly_better(before, after, weak=True))
+        for learnt in (True, False):
+            said = Partial((), fitted, after, Validated((), ()), learnt_there=learnt)
+            assert predicts_no_better(HeldOutData(declared=before), said) is (learnt or not passed[-1])
+    assert sum(passed) > 2
+
+
 def test_a_phugoid_that_the_base_has_is_claimed_with_what_it_is_as_well(phugoids: tuple[Ledger, FittedModel, HeldOutData]) -> None:
     """Cross-validated where it stands; without evidence, and yet by name, where only another effect does."""
     ledger, base, held = phugoids
     _, partial = cross_validated(ledger, base, held)
-    assert partial is not None and not partial.events_alone
+    assert partial is not None and not partial.events_alone and partial.learnt_there
     (claim,) = partial.claims
     assert claim.name == PHUGOID.name and claim.alternatives[0] == "speed-variation" and claim.evidence is not None
     assert abs(claim.parameters["attitude"].value) > thresholds.CLEARLY_OFF_ABSENCE * claim.parameters["attitude"].std

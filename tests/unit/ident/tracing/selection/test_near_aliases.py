@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -11,7 +11,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Candidate
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.selection.near_aliases import guards_for_events, near_aliases
-from sim.declaration.proposal import Traceable
+from sim.declaration.proposal import SearchContext, Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.phugoid import Phugoid
@@ -162,3 +162,21 @@ def test_an_event_that_was_missed_is_put_where_another_stands() -> None:
     assert [fitted.names for fitted in found] == [(gust.name,)] and after.known(missed) is found[0]
     assert found[0].fit.cost < min(missed.fit.cost, best.fit.cost)
     assert found[0].values.own[0]["gust-discrete.start"] == pytest.approx(4.0, abs=0.1)
+
+
+@dataclass(frozen=True)
+class AsFitted(VaneOffset):
+    """A vane ahead that takes what is fitted from its context, as a curve takes the range that was flown; by its dictionary it has no hash."""
+
+    seen: Mapping[str, float] = field(default_factory=dict)
+
+    def fitted_to(self, context: SearchContext) -> AsFitted:
+        return replace(self, seen=dict(context.values))
+
+
+def test_an_alias_that_takes_its_ranges_from_the_fit_is_found_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the rest stands and where it bent the same candidate has other ranges: it is known by its name."""
+    ledger, best = ledger_of((LATE, AsFitted(), SCALE), (SCALE, LATE))
+    monkeypatch.setattr("ident.tracing.selection.near_aliases.best_fit", lambda ledger, base, finding, starts: (ledger, None))
+    _, (other,) = near_aliases(ledger, best, SETTINGS.near)
+    assert frozenset(other.names) == {SCALE.name, AHEAD.name}

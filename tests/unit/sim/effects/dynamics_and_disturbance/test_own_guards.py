@@ -45,7 +45,8 @@ def spring(**ports: Any) -> Model:
 
 def outputs(model: Model, *effects: Effect, **values: float) -> np.ndarray:
     flown = model.with_effects(*effects)
-    named = {full_name(effects[0], name): value for name, value in values.items()}
+    absent = {full_name(effect, name): value for effect in effects[1:] for name, value in effect.absent.items()}
+    named = absent | {full_name(effects[0], name): value for name, value in values.items()}
     return np.array(fly_model(flown.with_values(named), Flight(TIME, FORCE[None], max_step=0.004)))
 
 
@@ -119,6 +120,32 @@ def test_absent_they_add_nothing_and_their_units_are_known() -> None:
     plain = outputs(spring())
     for each in guards_for(spring().equations):
         assert np.array_equal(outputs(spring(), each, **each.absent), plain), each.name
+
+
+def test_a_lag_of_a_state_called_late_angle_and_two_lags_at_once() -> None:
+    """What is late has a name that no signal of the user can have, and each guard its own."""
+    model = own_model(
+        name="vane",
+        states={"late_angle": "rad", "w": "rad"},
+        inputs={"push": "1/s"},
+        outputs={"late_angle": "rad", "w": "rad"},
+        parameters={"a": (1.3, "1/s"), "b": (0.7, "1/s")},
+        flow=lambda s, p: {"late": -p.b * s.w},
+        rates=lambda s, p: {"late_angle": s.push - p.a * s.late_angle, "w": s.late_angle + s.late},
+        readings=lambda s, p: {"late_angle": s.late_angle, "w": s.w},
+    )
+    first, second = guard(model, "guard:lagged-loads:late_angle"), guard(model, "guard:lagged-loads:w")
+    flown = outputs(model, first, second, lag=0.4, late_angle_rate=0.5)
+
+    def rates(t: float, y: np.ndarray, f: float) -> list[float]:
+        return [f - 1.3 * y[0] + 0.5 * (y[0] - y[2]), y[0] - 0.7 * y[1], (y[0] - y[2]) / 0.4]
+
+    x, rows = np.zeros(3), []
+    for k, f in enumerate(FORCE):
+        rows.append(x[:2])
+        if k < len(TIME) - 1:
+            x = solve_ivp(rates, (TIME[k], TIME[k + 1]), x, args=(f,), rtol=1e-10, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(flown, np.array(rows).T, atol=2e-6)
 
 
 def test_a_lag_counts_from_the_middle_of_what_was_flown() -> None:
