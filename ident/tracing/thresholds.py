@@ -69,6 +69,7 @@ ALTERNATIVES_NAMED = 2  # fixed by the format of a diagnosis
 # Does an effect lower the error on records that were not fitted? Mean over channels of ln(error).
 WORTH = 0.1  # chosen: less is what a dozen small causes make; ``test_partial_null`` counts what passes all bars where nothing is hidden
 HALF_OF_IT = 0.5  # chosen: what does not bring half of that on the fitted records will not bring it on others
+SHOWS = 9.0  # squared change over the noise's power in data held out. theorem: three sigmas; of false effects of that size 1 % pass by chance
 MOST_OF_IT = 0.75  # of what two records leave. Simulated papers: with less, what is half of the truth was claimed for what was neither
 CHANNEL_WORSE = 0.05  # chosen: rise of one channel's error that is tolerated, or half of what is gained in the mean; beyond twice its scatter
 STRONG_WITNESS = 10.0  # log likelihood. chosen: twice what an addition has to bring, since the same samples speak

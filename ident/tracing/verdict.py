@@ -90,13 +90,15 @@ def hardly_better(before: HeldOut, after: HeldOut, *, weak: bool = False) -> boo
     """Whether a free simulation of held-out data, all channels at their own scale, is better than the declared model's by too little to say.
 
     Mean over the channels of ln(rms after / rms before), for what is printed: claims that were cross-validated one by one need not help together.
-    ``weak`` : whether less will do where the data have room for less (``room_for``): they may hardly move.
+    ``weak`` : whether less will do where the data have room for less (``room_for``): they may hardly move, but what is claimed has to show in
+    them, else chance alone decides.
     """
     if no_better(before, after) or before.frozen is None or after.frozen is None:
         return True
     used = before.frozen.layout.used & after.frozen.layout.used
     change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
-    least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if weak else thresholds.WORTH
+    less = weak and np.sum(_lacking(before.frozen, after.frozen, mean=False)) >= thresholds.SHOWS
+    least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if less else thresholds.WORTH
     return not change.size or float(np.mean(change)) >= -thresholds.HALF_OF_IT * least
 
 
@@ -105,11 +107,17 @@ def room_for(before: Fit, after: Fit) -> float:
 
     What the first then lacks is the difference of the two simulations: its variance is that of the second and the square of that difference.
     """
+    lacking = _lacking(before, after, mean=True)
+    return float(np.mean(0.5 * np.log1p(lacking))) if lacking.size else 0.0
+
+
+def _lacking(before: Fit, after: Fit, *, mean: bool) -> np.ndarray:
+    """Squared difference of two simulations over what the second leaves, summed over the samples or its mean, of each channel used by both."""
     apart = np.concatenate([two.y - one.y for one, two in zip(before.lines, after.lines, strict=True)], axis=1)
     valid = np.concatenate([problem.valid for problem in after.layout.problems], axis=1)
     used = before.layout.used & after.layout.used
-    lacking = np.sum(np.where(valid, apart, 0.0) ** 2, axis=1)[used] / np.maximum(np.count_nonzero(valid, axis=1)[used], 1)
-    return float(np.mean(0.5 * np.log1p(lacking / after.variance[used]))) if np.any(used) else 0.0
+    counts = np.maximum(np.count_nonzero(valid, axis=1)[used], 1) if mean else 1
+    return np.asarray(np.sum(np.where(valid, apart, 0.0) ** 2, axis=1)[used] / counts / after.variance[used])
 
 
 def verdict_on(

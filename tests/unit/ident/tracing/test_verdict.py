@@ -128,6 +128,17 @@ def test_data_that_hardly_move_ask_for_half_of_what_an_effect_would_bring_there(
         assert 0.0 < expected < 0.1 and room_for(one, two) == pytest.approx(expected)
 
 
+def test_data_in_which_the_cause_does_not_show_ask_for_a_twentieth(problem: TraceProblem, root: FittedModel) -> None:
+    """A two-hundredth of the usual motion: that the error falls there is chance, for a wrong cause as for the true one."""
+    best, passed = fit_of(problem, [SensorLag("q")], root), 0
+    for seed in range(6):
+        still = planted([SensorLag("q")], {"sensor-lag:q.time_constant": 1e-6}, seed, flight=doublets(size=0.0003))
+        before, after = (held_out(each, [still], None, informed=False) for each in (root, best))
+        passed += not no_better(before, after)
+        assert hardly_better(before, after, weak=True)
+    assert passed, "by likelihood alone some would pass"
+
+
 def test_data_are_called_held_out_only_where_they_took_no_part() -> None:
     assert HeldOutData(choosing=True).label == "not fitted"
     assert HeldOutData(choosing=False).label == "held out"
