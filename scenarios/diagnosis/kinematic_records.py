@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan, Segment
 
 ENOUGH = 2600  # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
+BANK = "phi"
 MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
 
 
@@ -84,6 +85,9 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings, as
     from ident.compatibility.check import compatibility
 
     try:
+        records, banked = _level(list(records), settings, asked)
+        if banked and not records:
+            return Kinematics((), None, banked[0])
         records = [_taking_part(record, asked) for record in records]
         chosen = [record for record in records if set(asked.needed) <= set(_measured(record, asked))]
         chosen = shortened(spread(chosen, MOST), ENOUGH, asked.rates)
@@ -97,6 +101,21 @@ def kinematics_of(records: Iterable[Record], settings: CompatibilitySettings, as
     except (FlightidError, ArithmeticError, ValueError) as error:
         # Evidence beside a diagnosis must not cost the diagnosis; LinAlgError is a ValueError.
         return Kinematics(names, None, _could_not(error))
+
+
+def _level(records: list[Record], settings: CompatibilitySettings, asked: Relations) -> tuple[list[Record], list[str]]:
+    """Of relations without a bank angle the records in which the wings were level enough for them, and what is said of the others."""
+    from ident.compatibility.six_degrees.level_wings import misled_by_bank
+
+    if BANK in asked.channels:
+        return records, []
+    kept, told = list[Record](), list[str]()
+    for record in records:
+        unbanked = replace(record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK))
+        said = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
+        told += said
+        kept += [] if said else [record]
+    return kept, told
 
 
 def _taking_part(record: Record, asked: Relations) -> Record:

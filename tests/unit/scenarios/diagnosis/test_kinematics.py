@@ -34,6 +34,7 @@ from scenarios.files.vehicles import read_any_vehicle
 from scenarios.files.writing import json_text, write_record
 from scenarios.preparation.plan import Segment
 from scenarios.preparation.request import Request
+from sim.maths.constants import G0
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record, tracing_of
 from tests.integration.command_line import VEHICLE
@@ -117,6 +118,20 @@ def test_a_late_vane_is_found_in_a_flight_and_agrees() -> None:
     assert found.found.value == pytest.approx(0.06, abs=3.0 * found.found.std + 0.005)
     (other,) = agreements(kinematics, [replace(LATE, parameters={"delay": Quantity(0.2, 0.002, "s")})])
     assert other.says in (DIFFERS, CONTRADICTS)
+
+
+def test_a_record_in_a_bank_is_no_witness_of_level_wings() -> None:
+    """Whether its bank angle is recorded or only the rates that tell of it; a level one beside it is heard."""
+    level = record(sensors=Sensors(delay={"alpha": 0.06}), seed=1)
+    time = level.time
+    phi = np.radians(40.0) * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.clip((time - 5.0) / 6.0, 0.0, 1.0)))
+    rates = {"p": np.gradient(phi, time), "r": G0 / SPEED * np.tan(phi)}
+    banked = replace(level, name="banked.csv", outputs=(*level.outputs, *(Channel.of(name, "rad/s", values) for name, values in rates.items())))
+    known = replace(banked, outputs=(*banked.outputs, Channel.of("phi", "rad", phi)))
+    for turning in (banked, known):
+        alone = kinematics_of([turning], CompatibilitySettings(airspeed=SPEED))
+        assert alone.result is None and "p and r say that the wings were up to" in alone.why
+        assert kinematics_of([level, turning], CompatibilitySettings(airspeed=SPEED)).records == (level.name,)
 
 
 @pytest.mark.parametrize(
