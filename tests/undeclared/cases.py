@@ -149,7 +149,6 @@ CHEAP: Sequence[Case] = (
     ),
     Case("delay", TRAINER, always(Hidden(command=(flights.delayed(0.047),))), one("input-delay"), parameters={"input-delay.delay": 0.047}),
     Case("vane ahead", LINER, always(Hidden(vane_arm=8.5)), one("vane-offset"), parameters={"vane-offset.arm": 8.5}),
-    Case("product of angle and elevator", LINER, always(Hidden(moment=lambda t, a, q, e: 9.0 * a * e)), (frozenset(),), ("unexplained",)),
 )
 
 INSTRUMENTS: Sequence[tuple[str, Aircraft, Hidden, str, float]] = (
@@ -179,6 +178,7 @@ def beside_late_alpha(name: str, aircraft: Aircraft, hidden: Hidden, parameter: 
 LATE_NZ = (frozenset({"sensor-lag:nz"}), frozenset({"sensor-delay:nz"}))
 NONE = (frozenset[str](),)
 DEAR: Sequence[Case] = (
+    Case("product of angle and elevator", LINER, always(Hidden(moment=lambda t, a, q, e: 9.0 * a * e)), (frozenset(),), ("unexplained",)),
     Case(
         "spikes and free play",
         FIGHTER,

@@ -48,7 +48,7 @@ def test_wild_aircraft(run: Filter, factors: list[float], prior: float, passes: 
     assert_finite(run(record, compile_model(rigid_start(factors, 10.0**prior), online=True), how))
 
 
-@pytest.mark.parametrize("run", FILTERS)
+@pytest.mark.parametrize("run", [run_ekf, pytest.param(run_ukf, marks=pytest.mark.slow)])
 @settings(max_examples=6)
 @given(beta=wild)
 def test_wild_ballistic_coefficient(run: Filter, beta: float) -> None:

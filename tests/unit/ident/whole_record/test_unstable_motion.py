@@ -57,7 +57,8 @@ def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:
     assert growth(layout) == np.inf and fit_unstable(layout) is None
 
 
-@pytest.mark.parametrize("size", [pytest.param(0.03, marks=pytest.mark.slow), 0.003])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.03, 0.003])
 def test_an_unstable_aircraft_is_found_from_starts_thirty_percent_off(size: float) -> None:
     """Levenberg-Marquardt in all unknowns from the same starts ends at its limit of sixty steps nearly always, far from the truth."""
     scores, steps, plain = [], [], []

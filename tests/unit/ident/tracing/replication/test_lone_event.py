@@ -57,6 +57,7 @@ def test_an_event_explains_a_good_part_of_what_its_record_leaves(monkeypatch: py
     assert found is None and [item.why for item in tried] == ["it explains little of what its record leaves"]
 
 
+@pytest.mark.slow
 def test_on_other_samples_an_event_is_asked_for_again() -> None:
     flight, still = flown([1]), flown([])
     root = root_of(flight)
