@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from sim.declaration.parameters import Parameter
 
 LOADS = ("lift", "moment")
+
+
+class SizedOnPorts:
+    """What terms share that have one size for each port that they load: a parameter of the port's name, absent where all are zero."""
+
+    ports: tuple[str, ...]
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return self.ports
+
+    @property
+    def absent(self) -> Mapping[str, float]:
+        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
 
 def load_parameters(sizes: Sequence[float], units: Sequence[str], ports: Sequence[str] = LOADS) -> tuple[Parameter, ...]:

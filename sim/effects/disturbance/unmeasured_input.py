@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
@@ -13,7 +12,7 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import labelled, load_ports
-from sim.effects.loads import LOADS, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 from sim.effects.onset import WIDTH, edge_width, risen
 
 _USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
@@ -21,7 +20,7 @@ DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
 
 
 @dataclass(frozen=True)
-class UnmeasuredInput:
+class UnmeasuredInput(SizedOnPorts):
     """A pulse of lift and moment from ``start`` on for ``duration``, both s; a step where it lasts to the record's end.
 
     ``lift`` and ``moment`` are free: coefficients on the rigid aircraft, 1/s of alpha_dot and 1/s2 on the low-order
@@ -64,18 +63,10 @@ class UnmeasuredInput:
         return labelled("unmeasured-input", self.label)
 
     @property
-    def needs(self) -> tuple[str, ...]:
-        return self.ports
-
-    @property
     def parameters(self) -> tuple[Parameter, ...]:
         duration = () if self.lasting else (Parameter("duration", 1.5, "s", bounds=(0.02, 1000.0)),)
         loads = load_parameters(self.sizes, self.units, self.ports)
         return (Parameter("start", 2.0, "s"), *duration, *loads)
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def traits(self) -> Traits:

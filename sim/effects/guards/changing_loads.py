@@ -12,14 +12,14 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import all_labelled, labelled
-from sim.effects.loads import LOADS, also_varying, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, also_varying, load_parameters
 from sim.maths.elementary import absolute
 
 _NO_CAUSE = "No cause of the library stands behind it. Where it explains a record better than every effect does, the cause is none of them."
 
 
 @dataclass(frozen=True)
-class DampingCurve:
+class DampingCurve(SizedOnPorts):
     """lift += ``lift`` r |r|, moment += ``moment`` r |r|, r the signal ``rate`` of the equations.
 
     Attributes
@@ -51,14 +51,6 @@ class DampingCurve:
     @property
     def traits(self) -> Traits:
         return Traits(guard=True, also=also_varying(self.ports, self.rate, self.rate))
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return self.ports
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

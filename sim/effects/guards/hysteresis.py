@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.loads import LOADS, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 from sim.maths.elementary import absolute
 
 WIDTHS = (0.005, 0.02, 0.06)  # rad, that a search tries: from friction to the whole of a maneuver
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(SizedOnPorts):
     """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment`` memory.
 
     Dahl's law of friction and of hysteresis that knows no pace: the memory runs to the sign of the ``rate``, rad/s, while the nose turns by
@@ -47,14 +46,6 @@ class Hysteresis:
         "it left, or a load that slides. No cause of the library stands behind it. Where it explains a record better than every effect does, the "
         "cause is none of them."
     )
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return self.ports
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
@@ -14,14 +13,14 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import all_labelled, further_inputs, labelled, per_unit, ports_without
-from sim.effects.loads import LOADS, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
 
 LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
 LOOKS_LATE = ("actuator-lag", "input-delay")
 
 
 @dataclass(frozen=True)
-class LaggedLoads:
+class LaggedLoads(SizedOnPorts):
     """late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late), moment += ``moment`` (angle - late).
 
     The first term of unsteady aerodynamics: loads that overshoot or build up with time constant ``lag``, s. For a short lag it is a derivative
@@ -72,14 +71,6 @@ class LaggedLoads:
             f"late_dot = ({self.flown} - late)/lag. No cause of the library stands behind it. Where it explains a record better than every effect "
             "does, the cause is none of them."
         )
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return self.ports
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

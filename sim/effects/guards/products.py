@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Regularity, Signal, Station
@@ -14,11 +13,11 @@ from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import controls, per_unit, ports_without
-from sim.effects.loads import LOADS, also_varying, load_parameters
+from sim.effects.loads import LOADS, SizedOnPorts, also_varying, load_parameters
 
 
 @dataclass(frozen=True)
-class ProductLoads:
+class ProductLoads(SizedOnPorts):
     """lift += ``lift`` a b, moment += ``moment`` a b, a and b two signals of the equations.
 
     Attributes
@@ -40,14 +39,6 @@ class ProductLoads:
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     states: ClassVar[tuple[Signal, ...]] = ()
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return self.ports
-
-    @property
-    def absent(self) -> Mapping[str, float]:
-        return MappingProxyType(dict.fromkeys(self.ports, 0.0))
 
     @property
     def name(self) -> str:
