@@ -78,6 +78,7 @@ def test_a_search_over_two_records_goes_its_way_whatever_is_held_out() -> None:
         assert refused is (diagnosis.effects == ())
 
 
+@pytest.mark.slow
 def test_what_replicates_is_found_in_the_fitted_records_alone() -> None:
     """Coloured records, which no set of effects explains. Held-out data that refuse the effect must not send the search on to others."""
     records = [coloured(planted([LATE], DELAYED, seed), seed, 0.3) for seed in (1, 2)]
