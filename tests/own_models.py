@@ -137,6 +137,23 @@ ROLL_DECLARED: dict[str, Any] = {
 }
 
 
+def spring_mass(**ports: Any) -> Model:
+    """2 kg on a spring of 40 N/m with a damper; the force of a port ``load`` acts before the acceleration is formed, as a user would write it."""
+    load = (lambda s: s.load) if ports else (lambda s: 0.0)
+    return own_model(
+        name="spring-mass",
+        states={"x": "m", "v": "m/s"},
+        inputs={"force": "N"},
+        outputs={"x": "m", "acceleration": "m/s2"},
+        constants={"m": (2.0, "kg")},
+        parameters={"k": (40.0, "N/m"), "c": (1.3, "N s/m")},
+        flow=lambda s, p: {"a": (s.force + load(s) - p.c * s.v - p.k * s.x) / p.m},
+        rates=lambda s, p: {"x": s.v, "v": s.a},
+        readings=lambda s, p: {"x": s.x, "acceleration": s.a},
+        **ports,
+    )
+
+
 def roll(**changes: Any) -> Model:
     """The roll of an aircraft with some arguments of its declaration changed."""
     return own_model(**{**ROLL_DECLARED, **changes})

@@ -48,10 +48,14 @@ def record_problem(
     starts: Sequence[int],
     *,
     valid: np.ndarray | None = None,
+    at: np.ndarray | None = None,
     exact: bool = True,
     step: Step = rk4_step,
 ) -> RecordProblem:
-    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask."""
+    """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's own mask.
+
+    ``at (np,)``: parameters that the input path has where none of it is free; those of the system when None.
+    """
     z, measured = record.output_array(system.output_names)
     grid, recorded = _recorded(record, system.input_names, max_step)
     items = [system.parameters.items[index] for index in free]
@@ -59,7 +63,8 @@ def record_problem(
     acting = [position for position, item in enumerate(items) if item.name not in system.output_parameters]
     drive = None
     if not system.input_parameters.intersection(item.name for item in items):
-        drive = driven_by(record, system, system.parameters.values().tolist(), grid) if system.input_stages else recorded
+        held = system.parameters.values() if at is None else at
+        drive = driven_by(record, system, held.tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
     increment = INCREMENT * np.array(sizes, dtype=float)
     return RecordProblem(record, system, grid, z, mask, tuple(free), tuple(starts), tuple(acting), increment, exact, drive, step)

@@ -18,6 +18,7 @@ from sim.record import Record
 from sim.vehicles.factory import model_from_constants
 from tests.bases import RIGID_VALUES, rigid_model
 from tests.oracles.varying_parameters import Law, Push, lateral, rigid, spring
+from tests.own_models import spring_mass
 from tests.whole_axes import CONSTANTS, TRUE
 
 
@@ -39,19 +40,7 @@ def spring_model(unit: float = 1.0) -> Model:
 
 def loaded_spring() -> Model:
     """The same with a port for forces, which the accelerometer feels."""
-    model = own_model(
-        name="spring-mass",
-        states={"x": "m", "v": "m/s"},
-        inputs={"force": "N"},
-        outputs={"x": "m", "acceleration": "m/s2"},
-        ports={"load": "N"},
-        constants={"m": (2.0, "kg")},
-        parameters={"k": (40.0, "N/m"), "c": (1.3, "N s/m")},
-        flow=lambda s, p: {"a": (s.force + s.load - p.c * s.v - p.k * s.x) / p.m},
-        rates=lambda s, p: {"x": s.v, "v": s.a},
-        readings=lambda s, p: {"x": s.x, "acceleration": s.a},
-    )
-    return model.with_biases(("x", "acceleration"))
+    return spring_mass(ports={"load": "N"}).with_biases(("x", "acceleration"))
 
 
 def rigid_wrong() -> Model:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_r
 from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
 from ident.tracing.screening.places import Whitened, added_by, closer_places, places_of, weigh, whitened
 from ident.whole_record.layout import FitLayout
-from ident.whole_record.record_problem import RecordProblem, driven_by, record_problem
+from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.declaration.system import System
@@ -100,8 +100,7 @@ def _motions(fitted: FittedModel) -> list[BaseMotion]:
 
 def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
     """A record of the fit laid out for a system with the steps of a screening, its inputs as parameters ``p (np,)`` say."""
-    problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
-    return replace(problem, drive=driven_by(old.record, system, p.tolist(), problem.grid)) if system.input_stages else problem
+    return record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid, at=p)
 
 
 def _find(

@@ -19,7 +19,7 @@ from ident.tracing.screening.places import Whitened, share_explained, whitened
 from ident.tracing.screening.score_test import Finding, screen
 from ident.whole_record.intervals import interval_ends, sample_outputs
 from ident.whole_record.linearise import join_intervals
-from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by, record_problem
+from ident.whole_record.record_problem import INCREMENT, RecordProblem, record_problem
 from sim.declaration.effect import ParameterEffect, full_name
 from sim.declaration.proposal import SearchContext, Traceable, fitted_to
 from sim.propagation.grid import Drive
@@ -70,12 +70,13 @@ def _signatures(fitted: FittedModel, r: int, effects: Sequence[Any]) -> np.ndarr
     layout, system = fitted.fit.layout, fitted.system
     old = layout.problems[r]
     p, _ = layout.split(fitted.fit.theta, r)
-    problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid)
+    problem = record_problem(old.record, system, max(layout.settings.max_step, thresholds.COARSE), (), (), valid=old.valid, at=p)
     states = fitted.fit.lines[r].states
     names = list(dict.fromkeys(effect.parameter for effect in effects))
     at = [system.parameters.index(name) for name in names]
     steps = thresholds.SLOPE_STEP * np.array([abs(p[index]) or 1.0 for index in at])
-    drive = driven_by(old.record, system, p.tolist(), problem.grid)
+    drive = problem.drive
+    assert drive is not None
     rows, by_state = _stepped(problem, p, states, at, steps)
     A, B = _interval_slopes(problem, states, rows, by_state, steps, drive)
     C, D = _output_slopes(problem, states, rows, by_state, steps, drive)

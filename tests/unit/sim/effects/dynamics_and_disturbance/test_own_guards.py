@@ -21,26 +21,10 @@ from sim.errors import DeclarationError
 from tests.bases import RIGID_VALUES, Flight, fly_model
 from tests.offered import ALL_VEHICLES
 from tests.own_models import own_rigid
+from tests.own_models import spring_mass as spring
 
 TIME = np.arange(0.0, 4.0, 0.02)
 FORCE = 20.0 * ((TIME > 0.5) & (TIME < 1.5)) - 15.0 * ((TIME > 2.0) & (TIME < 2.6))
-
-
-def spring(**ports: Any) -> Model:
-    """2 kg on a spring; the force of a declared port acts before the acceleration is formed, as a user would write it."""
-    load = (lambda s: s.load) if ports else (lambda s: 0.0)
-    return own_model(
-        name="spring-mass",
-        states={"x": "m", "v": "m/s"},
-        inputs={"force": "N"},
-        outputs={"x": "m", "acceleration": "m/s2"},
-        constants={"m": (2.0, "kg")},
-        parameters={"k": (40.0, "N/m"), "c": (1.3, "N s/m")},
-        flow=lambda s, p: {"a": (s.force + load(s) - p.c * s.v - p.k * s.x) / p.m},
-        rates=lambda s, p: {"x": s.v, "v": s.a},
-        readings=lambda s, p: {"x": s.x, "acceleration": s.a},
-        **ports,
-    )
 
 
 def outputs(model: Model, *effects: Effect, **values: float) -> np.ndarray:
