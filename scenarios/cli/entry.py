@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> None:
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        code = app(args=each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
+        code = app(args=each_validated([text for text in given if text != "--debug"]), prog_name="flightid", standalone_mode=False)
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise

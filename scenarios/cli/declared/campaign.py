@@ -6,12 +6,18 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Changes, Duration, Inputs, Noise, Out, OwnModel, SampleRate, Scenario, Seed, TrueValues
+from scenarios.cli.completion import LOOP_CAMPAIGNS, campaigns
+from scenarios.cli.options import Changes, Duration, Inputs, Noise, Out, OwnModel, SampleRate, Seed, TrueValues
 
 
 def campaign(
     runs: Annotated[int, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")],
-    name: Scenario = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=campaigns, help="A scenario, or a campaign of the loop itself: " + ", ".join(LOOP_CAMPAIGNS) + "."
+        ),
+    ] = None,
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,

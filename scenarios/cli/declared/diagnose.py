@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import of
 from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
@@ -28,7 +29,9 @@ def diagnose(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    effort: Annotated[str, typer.Option("--effort", metavar="E", help="How far the search looks: normal, thorough.")] = "normal",
+    effort: Annotated[
+        str, typer.Option("--effort", metavar="E", autocompletion=of("normal", "thorough"), help="How far the search looks: normal, thorough.")
+    ] = "normal",
     aircraft_class: Class = None,
     category: Category = None,
     out: Out = None,

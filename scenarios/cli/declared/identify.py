@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import METHOD_NAMES, methods
 from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
@@ -23,9 +24,7 @@ def identify(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    method: Annotated[
-        str, typer.Option("--method", metavar="METHOD", help="output-error, filter-error, frequency-domain, equation-error, ekf, ukf.")
-    ] = "output-error",
+    method: Annotated[str, typer.Option("--method", metavar="METHOD", autocompletion=methods, help=f"{', '.join(METHOD_NAMES)}.")] = "output-error",
     validate: Annotated[
         list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
     ] = None,

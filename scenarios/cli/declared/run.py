@@ -6,11 +6,14 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import scenarios
 from scenarios.cli.options import Changes, Figures, Out, Seed
 
 
 def run(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Scenarios of the catalogue, or paths of scenario files.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", autocompletion=scenarios, help="Scenarios of the catalogue, or paths of scenario files.")
+    ],
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import of
 from scenarios.cli.options import Channels, Out
 
 
 def watch(
     record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
-    model: Annotated[str, typer.Option("--model", metavar="M", help="loes.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", autocompletion=of("loes"), help="loes.")],
     vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")] = None,
     reference: Annotated[
         Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
