@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Figures
+from scenarios.cli.options import AsJson, Figures, Quiet
 
 
 def compare(
@@ -15,8 +15,12 @@ def compare(
     every: Annotated[bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")] = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
     figures: Figures = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
     from scenarios.commands.compare import compare_studies
+    from scenarios.commands.telling import telling
 
-    compare_studies(studies, out, every, figures)
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
+        compare_studies(studies, told.out, every, told.figures)

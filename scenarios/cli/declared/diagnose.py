@@ -8,7 +8,24 @@ from typing import Annotated
 import typer
 
 from scenarios.cli.completion import of
-from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import (
+    AsJson,
+    Category,
+    Channels,
+    Class,
+    Figures,
+    From,
+    Held,
+    Lowpass,
+    Model,
+    Out,
+    Quiet,
+    Rate,
+    Records,
+    To,
+    Trust,
+    VehicleBeside,
+)
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -36,10 +53,14 @@ def diagnose(
     category: Category = None,
     out: Out = None,
     figures: Figures = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
+    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    diagnose_records(request, out, figures)
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
+        diagnose_records(request, told.out, told.figures, progress=told.progress)

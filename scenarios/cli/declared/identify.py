@@ -8,7 +8,24 @@ from typing import Annotated
 import typer
 
 from scenarios.cli.completion import METHOD_NAMES, methods
-from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import (
+    AsJson,
+    Category,
+    Channels,
+    Class,
+    Figures,
+    From,
+    Held,
+    Lowpass,
+    Model,
+    Out,
+    Quiet,
+    Rate,
+    Records,
+    To,
+    Trust,
+    VehicleBeside,
+)
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -44,12 +61,16 @@ def identify(
     ] = None,
     out: Out = None,
     figures: Figures = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Parameters of a model from measured records."""
     from scenarios.commands.identify import identify_records, options_of
+    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    identify_records(request, method, out, figures, options_of(profile, band, engine), matrices)
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+        identify_records(request, method, told.out, told.figures, options_of(profile, band, engine), matrices)

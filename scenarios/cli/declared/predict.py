@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Channels, Figures, From, Out, To, Trust
+from scenarios.cli.options import AsJson, Channels, Figures, From, Out, Quiet, To, Trust
 from scenarios.preparation.plan import plan_of
 
 
@@ -22,11 +22,15 @@ def predict(
     effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run.")] = None,
     out: Out = None,
     figures: Figures = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """The model of a study on another record: initial states and biases alone are fitted."""
     from scenarios.commands.arguments import one_segment
     from scenarios.commands.predict import predict_with_study
+    from scenarios.commands.telling import telling
     from scenarios.prediction.predict import Asked
 
     plan = one_segment(plan_of(start, stop, trusted=trust))
-    predict_with_study(Asked(study, record, channels, plan, model, effects), out, figures)
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
+        predict_with_study(Asked(study, record, channels, plan, model, effects), told.out, told.figures)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from scenarios.cli.completion import scenarios
-from scenarios.cli.options import Changes, Figures, Out, Seed
+from scenarios.cli.options import AsJson, Changes, Figures, Out, Quiet, Seed
 
 
 def run(
@@ -19,8 +19,13 @@ def run(
     changes: Changes = None,
     figures: Figures = True,
     compare: Annotated[bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
-    from scenarios.commands.run import run_and_compare, run_scenarios
+    from scenarios.commands.run import documents_of, run_and_compare, run_scenarios
+    from scenarios.commands.telling import telling
 
-    (run_and_compare if compare else run_scenarios)(names, seed, out, changes or [], figures)
+    work = run_and_compare if compare else run_scenarios
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=documents_of(names, compare)) as told:
+        work(names, seed, told.out, changes or [], told.figures, progress=told.progress)
