@@ -48,6 +48,7 @@ class Concern(Enum):
     UNDETERMINED = "what fits best has numbers that the records do not determine"
     ROWS_MISSING = "what fits best acts where rows are missing"
     DERIVATIVES = "a derivative is far from what the vehicle file says"
+    ONE_CAUSE = "effects that fit together stand for one cause"
     UNLIKELY = "something that is not named is likelier"
     GOES_WITH_MOTION = "what process noise would explain goes with the motion"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
