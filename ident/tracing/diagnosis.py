@@ -12,6 +12,8 @@ import numpy as np
 from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.weighed import Weighed
+from ident.whole_record.layout import FitSettings
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 
@@ -177,6 +179,20 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
+class Trained:
+    """What the fitted records say of a model with effects: all that a free simulation of another record takes from them.
+
+    ``shared`` by parameter; ``own``, one mapping a fitted record, by the parameters that are each record's own and by ``STATE(0)``.
+    """
+
+    effects: tuple[Traceable, ...]
+    outputs: tuple[str, ...]
+    shared: Mapping[str, float]
+    own: tuple[Mapping[str, float], ...]
+    settings: FitSettings
+
+
+@dataclass(frozen=True, eq=False)
 class FittedRecord:
     """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a sample was set aside."""
 
@@ -200,6 +216,7 @@ class Diagnosis:
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
     stopped : the search, or a stage of it, ended at its means.
+    trained_before, trained_after : what another record is predicted with.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
@@ -227,6 +244,8 @@ class Diagnosis:
     stopped: bool = False
     modes_before: Characteristics | None = None
     modes_after: Characteristics | None = None
+    trained_before: Trained | None = None
+    trained_after: Trained | None = None
 
 
 class Silent:

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.commands.failures import named_after
+from scenarios.commands.stopping import stopped_after
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
+from scenarios.terminal.progress import progress_bar
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -21,18 +23,23 @@ if TYPE_CHECKING:
 LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
-def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], *, progress: bool = True) -> None:
     """The same of a user's own model in a flight that the command line describes."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.scenario_file.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
     scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
-    _run(scenario, asked.model, runs, seed, out)
+    _run(scenario, asked.model, runs, seed, out, progress=progress)
 
 
-def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None) -> None:
-    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main."""
+def run_campaign(
+    name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None, *, progress: bool = True
+) -> None:
+    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main.
+
+    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the table of the runs that had ended.
+    """
     from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
 
     kind = "" if name in LOOP else scenario_kind(name)
@@ -41,14 +48,22 @@ def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, chang
     if name in LOOP:
         from scenarios.commands.trials import run_trials
 
-        run_trials(name, runs, seed, out, changes)
+        run_trials(name, runs, seed, out, changes, progress)
         return
     if kind == "standin":
         from scenarios.commands.standin import standin_campaign
 
-        standin_campaign(name, runs, seed, out, changes)
+        standin_campaign(name, runs, seed, out, changes, progress)
         return
-    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, method or "main")
+    if kind == "trace":
+        from scenarios.commands.planted import trace_campaign
+
+        trace_campaign(name, runs, seed, out, changes, progress)
+        return
+    if kind != IDENTIFICATION:
+        remedy = "scenarios that have one are simulated flights, trace-... and standin-..."
+        raise DeclarationError(f"there is no campaign of a scenario of kind {kind}", where=name, remedy=remedy)
+    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, method or "main", progress=progress)
 
 
 def refuse_method(method: str | None) -> None:
@@ -57,13 +72,14 @@ def refuse_method(method: str | None) -> None:
         raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
 
 
-def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main") -> None:
-    with named_after(file):
-        campaign = fly_campaign(scenario, runs, seed, method)
-    _print(campaign)
-    if out is not None:
-        _write(campaign, out)
-        print(f"written to {out}")
+def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main", *, progress: bool = True) -> None:
+    with named_after(file), progress_bar(progress) as tell:
+        campaign = fly_campaign(scenario, runs, seed, method, tell)
+    with stopped_after(len(campaign.seeds), campaign.asked, out):
+        _print(campaign)
+        if out is not None:
+            _write(campaign, out)
+            print(f"written to {out}")
 
 
 def _print(campaign: Campaign, out: Console | None = None) -> None:
@@ -110,6 +126,7 @@ def _write(campaign: Campaign, out: Path) -> None:
             "method": campaign.estimation.name,
             "first_seed": campaign.seeds[0],
             "runs": len(campaign.seeds),
+            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
             "broken": campaign.broken,
             "parameters": {s.name: _spread(s) for s in campaign.spreads},
             "pooled": {

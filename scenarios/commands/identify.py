@@ -81,7 +81,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
         found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
     space = state_space_of(found) if matrices is not None else None
     if out is not None:
-        _write(found, flown, ready.measured, (files, validation), out, figures)
+        _write(found, flown, ready.measured, (files, validation), out, figures, request.plan)
     _print(found, flown)
     if matrices is not None and space is not None:
         write_state_space(space, matrices)
@@ -148,12 +148,18 @@ def _write(
     files: tuple[Sequence[RecordFile], Sequence[RecordFile]],
     out: Path,
     figures: bool,
+    plan: Plan,
 ) -> None:
     """The study; ``files`` are those of the fit and those that were predicted."""
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
+    from scenarios.identification.keeping import kept_identification
+    from scenarios.kept.kept_model import write_kept
 
     with study_folder(out, "comparison.json") as scratch:
+        kept = kept_identification(found, plan)
+        if kept is not None:
+            write_kept(scratch, kept)
         for fit in found.fits[:1]:
             simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
             write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)

@@ -47,7 +47,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     named: Any = SimpleNamespace(name="rigid", label="output error")
     out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
     nothing = np.zeros((2, 2))
-    _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
+    _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0], 2), out)
     assert isinstance(out.file, io.StringIO)
     text = out.file.getvalue()
     assert "…" not in text and all(len(line) <= width for line in text.splitlines())
