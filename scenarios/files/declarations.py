@@ -33,8 +33,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     return toml_of(read_toml_source(path))
 
 
-def read_toml_source(path: str | Path) -> Source:
-    """A TOML file as it stands. Raises DeclarationError where it is missing or unreadable."""
+def read_toml_source(path: str | Path | Source) -> Source:
+    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is missing or unreadable."""
+    if isinstance(path, Source):
+        return path
     return read_source(path, DeclarationError, "a TOML file")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.plan import Plan
@@ -14,12 +14,14 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
     from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.channels import ColumnChoice
+    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.sources import Source
     from scenarios.files.vehicles import VehicleFile
 
 
 @dataclass(frozen=True)
 class Request:
-    """The files of a call and how they are read, as the command line took them.
+    """The files of a call and how they are read, as the command line took them; a file may be open already, or content that never was one.
 
     Attributes
     ----------
@@ -33,12 +35,12 @@ class Request:
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
     """
 
-    records: tuple[Path, ...]
+    records: tuple[Path | RecordFile, ...]
     model: str = ""
-    vehicle: Path | None = None
-    validate: tuple[Path, ...] = ()
+    vehicle: Path | Source | None = None
+    validate: tuple[Path | RecordFile, ...] = ()
     effects: Path | None = None
-    channels: Path | None = None
+    channels: Path | Mapping[str, Any] | None = None
     plan: Plan = field(default_factory=Plan)
     effort: str = "normal"
     aircraft_class: str | None = None
