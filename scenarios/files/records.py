@@ -81,6 +81,14 @@ def read_record(
     )
 
 
+def time_of(file: RecordFile) -> np.ndarray:
+    """All time stamps of a file, s, checked as ``read_record`` checks them. Raises RecordError."""
+    column = _columns(file, [TIME], set(), file.choices, CHANNEL_UNITS)[TIME]
+    if column is None:
+        raise missing_column(TIME, file.table.header, file.table.file)
+    return _time(file.table, column, None, None)[0]
+
+
 def _columns(
     file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str]
 ) -> dict[str, Column | None]:
