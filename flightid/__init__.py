@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from scenarios.api.shown.table import Table
     from scenarios.api.study import Study, run, simulate
     from scenarios.api.vehicle import Vehicle, vehicle
+    from sim.declaration import own_model
 
     __version__: str
 
@@ -65,6 +66,7 @@ __all__ = [
     "effects",
     "identify",
     "models",
+    "own_model",
     "plot",
     "read_record",
     "run",
@@ -85,6 +87,8 @@ def __getattr__(name: str) -> Any:
         value = getattr(import_module(f"scenarios.api.{_EXPORTS[name]}"), name)
     elif name == "plot":
         value = import_module("flightid.plot")
+    elif name == "own_model":
+        value = import_module("sim.declaration").own_model
     elif name == "__version__":
         from scenarios.files.versions import own_version
 

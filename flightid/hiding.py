@@ -19,10 +19,9 @@ def refuse_hidden(ours: str) -> None:
         found = _place_of(room)
         if found is not None and found.resolve() != home / room:
             shown = found if found.is_dir() else found.with_suffix(".py") if found.with_suffix(".py").is_file() else found
-            raise ImportError(
-                f"{shown} hides the package {room!r} of flightid: rename it, or move it out of the folders that Python searches (sys.path), "
-                f"then start Python again"
-            )
+            remedy = "rename it, or move it out of the folders that Python searches (sys.path), then start Python again"
+            # With the name `python -m flightid` tells it in one line.
+            raise ImportError(f"{shown} hides the package {room!r} of flightid: {remedy}", name="flightid", path=str(shown))
 
 
 def _place_of(room: str) -> Path | None:

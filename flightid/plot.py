@@ -2,6 +2,18 @@
 
 from __future__ import annotations
 
-from scenarios.api.plot import correlation, derivatives, evidence, fit, prediction, reconstruction, record, replication, residuals, spectra
+from scenarios.api.plot import correlation, derivatives, evidence, fit, held_out, prediction, reconstruction, record, replication, residuals, spectra
 
-__all__ = ["correlation", "derivatives", "evidence", "fit", "prediction", "reconstruction", "record", "replication", "residuals", "spectra"]
+__all__ = [
+    "correlation",
+    "derivatives",
+    "evidence",
+    "fit",
+    "held_out",
+    "prediction",
+    "reconstruction",
+    "record",
+    "replication",
+    "residuals",
+    "spectra",
+]

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
-from scenarios.api.asking import Source, Times, plan_from, request_of
+from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
 from scenarios.api.shown.effect_claims import Effect, claimed_effects
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.responses import prediction_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     import pandas
 
     from ident.tracing.diagnosis import Quantity
+    from sim.declaration.proposal import Traceable
 
 Progress = Callable[[str, float], None]
 
@@ -131,6 +133,10 @@ class Diagnosis:
         both.insert(0, "unit", after["unit"].combine_first(before["unit"]))
         return both.rename_axis("parameter")
 
+    def prediction(self, number: int = 0) -> pandas.DataFrame:
+        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared model (``before_alpha``) and with what was found."""
+        return prediction_of(self.details.diagnosis, number)
+
     def candidates(self) -> pandas.DataFrame:
         """Every candidate of every round: gain of the log likelihood, p, what became of it."""
         import pandas
@@ -179,11 +185,11 @@ class Diagnosis:
 
 def diagnose(
     records: Source | Sequence[Source],
-    model: str | PathLike[str],
+    model: Declared,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
     validate: Source | Sequence[Source] = (),
-    effects: str | PathLike[str] | None = None,
+    effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     effort: str = "normal",
     channels: Any = None,
     start: Times = None,
@@ -202,7 +208,7 @@ def diagnose(
     ----------
     records, model, vehicle, channels, start, stop, hold, rate, lowpass, trust_record, aircraft_class, category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of one.
-    effects : path of a Python file with effects of your own. effort : ``"normal"`` or ``"thorough"``.
+    effects : effects of your own, or the path of a Python file with them. effort : ``"normal"`` or ``"thorough"``.
     progress : told the stage and the share done, 0 to 1.
 
     Raises

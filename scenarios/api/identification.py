@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.api import plot
-from scenarios.api.asking import Source, Times, plan_from, request_of
+from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.responses import errors_of, response_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.identification.from_files import Identified, identify_files
 from scenarios.identification.result import Options
@@ -69,6 +71,12 @@ class Identification:
     def covariance(self) -> np.ndarray:
         """Covariance of all that was estimated, ``(n, n)`` in the order of ``details.found.estimate.names``."""
         return self.details.found.estimate.covariance
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Profile-likelihood intervals where they were asked; an end that is open is infinite."""
+        ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
+        return {name: (-math.inf if low is None else low, math.inf if high is None else high) for name, (low, high) in ends.items()}
 
     @property
     def outcome(self) -> str:
@@ -133,6 +141,14 @@ class Identification:
         d = self.details
         return identification_content(d.found, identities(d.files), d.flown, identities(d.validation))
 
+    def errors(self) -> pandas.DataFrame:
+        """Errors of the free simulation by record and channel, SI; those that were not fitted are marked ``held_out``."""
+        return errors_of(self.details.found.fits)
+
+    def response(self, number: int = 0) -> pandas.DataFrame:
+        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's (``predicted_alpha``); held-out records last."""
+        return response_of(self.details.found, number)
+
     def linearised(self) -> StateSpace:
         """The identified model as matrices about its point of reference, with units and delays. Raises InputError where there is no such point."""
         from scenarios.identification.state_space import state_space_of
@@ -154,7 +170,7 @@ class Identification:
     @property
     def plot(self) -> plot.Figures:
         """Figures of this result: ``found.plot.fit()``, ``found.plot.residuals()``, ..."""
-        return plot.Figures(self, plot.fit, plot.correlation)
+        return plot.Figures(self, plot.fit, plot.held_out, plot.correlation)
 
     def __repr__(self) -> str:
         return f"<Identification: {self._title}; {self.parameters!r:.600}>"
@@ -171,7 +187,7 @@ class Identification:
 
 def identify(
     records: Source | Sequence[Source],
-    model: str | PathLike[str],
+    model: Declared,
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
     method: str = "output-error",
@@ -194,7 +210,7 @@ def identify(
     Parameters
     ----------
     records : one record or several; each a ``Record`` or whatever ``read_record`` takes.
-    model : ``"rigid"``, ... (``models()`` lists them), or the path of a Python file with a model of your own.
+    model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the path of its Python file.
     vehicle : what ``vehicle`` takes: a file, a name of the library, numbers; None takes ``vehicle.toml`` beside the first record.
     method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
     validate : records that are predicted with what was estimated from the others.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from scenarios.api.records.recorded import Recorded
+from scenarios.api.recorded import Recorded
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -25,6 +25,13 @@ class Fitted(Protocol):
 
     @property
     def details(self) -> Identified: ...
+
+
+class Simulated(Protocol):
+    """A study of simulated flights."""
+
+    @property
+    def details(self) -> Any: ...
 
 
 class Traced(Protocol):
@@ -48,15 +55,34 @@ def record(given: Recorded) -> Figure:
     return shown(figure_record(_as_recorded(given), given.name))
 
 
-def fit(found: Fitted, number: int = 0) -> Figure:
-    """Measured outputs against the model's, and the residual below each; ``number`` counts the fitted records from 0."""
+def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
+    """Measured outputs against the model's, and the residual below each; ``number`` counts the fitted records from 0.
+
+    Of a study of simulated flights with what is true.
+    """
+    from scenarios.identification.from_files import Identified
     from scenarios.plots.signals import figure_fit, response_of
 
+    if not isinstance(found.details, Identified):
+        study = found.details
+        responses = [response_of(method.result.estimate, method.estimation.label) for method in study.methods[:1]]
+        return shown(figure_fit(study.record, responses, study.truth, study.scenario.title, study.truth.noise_std))
     inner = found.details.found
     records, estimate = (inner.record, *inner.others), inner.estimate
+    given = _one_of(records, number, "fitted records")
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    title = f"{records[number].name}: {inner.vehicle.model}, {inner.method}"
-    return shown(figure_fit(records[number], [response_of(estimate, record=number)], None, title, noise))
+    return shown(figure_fit(given, [response_of(estimate, record=number)], None, f"{given.name}: {inner.vehicle.model}, {inner.method}", noise))
+
+
+def held_out(found: Fitted, number: int = 0) -> Figure:
+    """A record that was not fitted: measured outputs against the model's; ``number`` counts these records from 0."""
+    from scenarios.plots.signals import Response, figure_fit
+
+    inner = found.details.found
+    one = _one_of([each for each in inner.fits if each.held_out and each.figures is not None], number, "records held out")
+    noise = dict(zip(inner.estimate.output_names, inner.estimate.noise_std.tolist(), strict=True))
+    response = Response("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
+    return shown(figure_fit(one.record, [response], None, f"{one.record.name}: {inner.vehicle.model}, {inner.method}\nheld out", noise))
 
 
 def correlation(found: Fitted) -> Figure:
@@ -147,7 +173,7 @@ def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
 
 def _one_of(items: Any, number: int, what: str) -> Any:
     if not 0 <= number < len(items):
-        raise DeclarationError(f"there is no number {number}", where=f"plot, {what}", remedy=f"there are {len(items)}")
+        raise DeclarationError(f"there is no number {number}", where=f"plot, {what}", remedy=f"there are {len(items)}, from 0 on")
     return items[number]
 
 

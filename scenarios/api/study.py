@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from scenarios.api import plot
 from scenarios.api.diagnosis import Diagnosis
 from scenarios.api.flights import Flight, flown
 from scenarios.api.records.record import Record, record_of
@@ -97,6 +98,13 @@ class Study:
         """Write the study as the command does with ``--out``; returns the folder."""
         self._runner.write(self.details, Path(folder), figures=figures)
         return Path(folder)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``study.plot.fit()``, of a diagnosis its own."""
+        if self.diagnosis is not None:
+            return self.diagnosis.plot
+        return plot.Figures(self, plot.fit) if self.kind == IDENTIFICATION else plot.Figures(self)
 
     def __repr__(self) -> str:
         verdict = f"{self.diagnosis.verdict}; " if self.diagnosis is not None else ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.diagnosis.candidates import read_effects
+from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.measured.record_file import RecordFile, identities, path_of, read_record_files
 from scenarios.files.own_models import channel_units, is_model_file
@@ -91,11 +91,13 @@ def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
     return ready
 
 
-def own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """A user's effects that can act on the model, and the file that they came from."""
-    if path is None:
+def own_effects(given: Path | Sequence[Traceable] | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
+    """A user's effects that can act on the model, and the file that they came from, if they came from one."""
+    if given is None:
         return (), ()
-    source = read_source(path, DeclarationError, "a Python file")
+    if not isinstance(given, Path):
+        return checked_effects(given, model, "effects"), ()
+    source = read_source(given, DeclarationError, "a Python file")
     return read_effects(source, model), (source.identity,)
 
 

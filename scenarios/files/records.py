@@ -81,12 +81,12 @@ def read_record(
     )
 
 
-def time_of(file: RecordFile) -> np.ndarray:
-    """All time stamps of a file, s, checked as ``read_record`` checks them. Raises RecordError."""
+def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
+    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
     column = _columns(file, [TIME], set(), file.choices, CHANNEL_UNITS)[TIME]
     if column is None:
         raise missing_column(TIME, file.table.header, file.table.file)
-    return _time(file.table, column, None, None)[0]
+    return _time(file.table, column, start, stop)
 
 
 def _columns(

@@ -73,20 +73,20 @@ def vehicle_beside(record: Path | RecordFile) -> Path | None:
     return beside if beside is not None and beside.is_file() else None
 
 
-def refuse_unknown_model(model: str, where: str) -> None:
+def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
     """Raise DeclarationError where there is no such model; whether a user's file declares one is for its reader to say."""
     if model not in MODELS and not is_model_file(model):
         raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own")
 
 
-def read_vehicle(path: str | Path | Source | None, model: str) -> VehicleFile:
-    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's model file, which alone can do without (None).
+def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
+    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model, which alone can do without (None).
 
     Raises DeclarationError, also where there is no such file.
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
-    if is_model_file(model):
-        own = read_own_model(model, MODELS)
+    if isinstance(model, OwnModel) or is_model_file(model):
+        own = model if isinstance(model, OwnModel) else read_own_model(model, MODELS)
         return own_vehicle(own, None if path is None else read_toml_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"

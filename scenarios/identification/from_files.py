@@ -64,7 +64,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     files, validation = read_record_files(request.records), read_record_files(request.validate)
 
     def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
-        return _identified(request.model, vehicle, method, (files, validation), choices, plan, asked)
+        return _identified(vehicle, method, (files, validation), choices, plan, asked)
 
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
@@ -73,7 +73,6 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
 
 
 def _identified(
-    model: str,
     vehicle: VehicleFile,
     method: str,
     files: tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]],
@@ -83,7 +82,7 @@ def _identified(
 ) -> tuple[Prepared, Identification]:
     """Records prepared by ``plan``, and what a fit to them finds."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
-    own = model == "loes" and method == "ekf"
+    own = vehicle.model == "loes" and method == "ekf"
     flow, attitude = not own and method != FREQUENCY, uses_attitude(vehicle, method)
     ready = prepare(files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude)
     refuse_strangers(ready.fitted, ready.validation)

@@ -15,8 +15,10 @@ if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
     from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.channels import ColumnChoice
     from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.own_models import OwnModel
     from scenarios.files.sources import Source
     from scenarios.files.vehicles import VehicleFile
+    from sim.declaration.proposal import Traceable
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,9 @@ class Request:
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file; empty where none is asked for.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where none is asked for.
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
-    validate : files that are predicted, whole. effects : a user's Python file; it is run.
+    validate : files that are predicted, whole. effects : a user's Python file, which is run, or effects.
     channels : a channel map, for all records.
     aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the vehicle file's.
     effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
@@ -36,10 +38,10 @@ class Request:
     """
 
     records: tuple[Path | RecordFile, ...]
-    model: str = ""
+    model: str | OwnModel = ""
     vehicle: Path | Source | None = None
     validate: tuple[Path | RecordFile, ...] = ()
-    effects: Path | None = None
+    effects: Path | tuple[Traceable, ...] | None = None
     channels: Path | Mapping[str, Any] | None = None
     plan: Plan = field(default_factory=Plan)
     effort: str = "normal"

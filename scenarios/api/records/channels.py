@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
+from scenarios.files.declarations import closest
 from scenarios.files.measured.columns import Column as Found
-from scenarios.files.measured.columns import find_column, split_header
+from scenarios.files.measured.columns import find_column, split_header, suffix_unit
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.tables import numbers
 from scenarios.files.records import read_record
@@ -52,11 +53,19 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
 
 
-def checked_time(file: RecordFile) -> np.ndarray:
-    """Time stamps, s, as every reader checks them. Raises RecordError."""
-    from scenarios.files.records import time_of
-
-    return time_of(file)
+def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
+    """Raise RecordError for a unit of a column that is not there, or whose header says another."""
+    header, where = file.table.header, f"{file.table.file}, units"
+    columns = {choice.column for choice in file.choices.values()}
+    for name, unit in units.items():
+        cells = [cell for cell in header if split_header(cell)[0] == name or cell == name or suffix_unit(cell, name) is not None]
+        if not cells and name not in columns:
+            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, [split_header(cell)[0] for cell in header if cell]))
+        for cell in cells if not any(split_header(cell)[0] == name or cell == name for cell in cells) else ():
+            raise RecordError(f"column {cell!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
+        said = next((told for cell in cells if split_header(cell)[0] == name and (told := split_header(cell)[1])), unit)
+        if said != unit:
+            raise RecordError(f"column {name!r} is in {said}, as its header says, not in {unit}", where=where, remedy="leave one of the two out")
 
 
 def _found(file: RecordFile, name: str) -> Found | None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.api.recorded import Recorded
 from scenarios.api.records.in_memory import columns_of_frame, columns_of_record
-from scenarios.api.records.recorded import Recorded
 from scenarios.files.channel_names import TIME
 from scenarios.files.measured.columns import split_header
 from sim.errors import RecordError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar
 from scenarios.files.measured.tables import Table, one_line
+from scenarios.files.records import window_of
 from scenarios.files.sources import InputFile
 from sim.errors import RecordError
 from sim.record import Hold, Record
@@ -78,10 +80,22 @@ def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, 
     return columns, {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
 
 
+def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
+    """The rows of a record file between two times, s, under a name that tells them; row numbers stay those of the file.
+
+    Raises RecordError where there is no such row.
+    """
+    time, rows = window_of(file, start, stop)
+    span = f"{time[0] if start is None else start:g}-{time[-1] if stop is None else stop:g} s"
+    label = f"{file.path.name}[{span}]"
+    old = file.table
+    ragged = {position - rows.start: cells for position, cells in old.ragged.items() if rows.start <= position < rows.stop}
+    table = Table(label, old.header, tuple(column[rows] for column in old.columns), old.rows[rows], ragged)
+    return replace(file, path=Path(label), table=table, identity=InputFile(label, _digest(table)), in_memory=True)
+
+
 def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
     """Record files of which those in memory bear names of their own: ``record``, ``record 2`` ..."""
-    from dataclasses import replace
-
     taken: set[str] = {file.path.name for file in files if not file.in_memory}
     out = []
     for file in files:

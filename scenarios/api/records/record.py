@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.records.channels import Column, columns_of
+from scenarios.api.records.channels import INPUTS, Column, columns_of, refuse_units
 from scenarios.api.records.in_memory import columns_of_record, file_of_columns
 from scenarios.api.shown import html
 from scenarios.files.channel_names import TIME
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.channels import ColumnChoice, read_channel_map
 from scenarios.files.measured.columns import find_column, missing_column
 from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.records import window_of
 from sim import record as sim_record
 from sim.errors import RecordError
 from sim.record import Hold
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     import control
     import pandas
     import xarray
+    from matplotlib.figure import Figure
 
 Units = Mapping[str, str]
 Choices = Mapping[str, str | tuple[str, str] | Mapping[str, str]]
@@ -73,8 +75,6 @@ class Record:
     @property
     def input_names(self) -> tuple[str, ...]:
         """Channels that are controls; of names that are not ours those that were named as inputs."""
-        from scenarios.api.records.channels import INPUTS
-
         chosen = INPUTS if self._inputs is None else self._inputs
         return tuple(name for name in self.names if name in chosen)
 
@@ -86,9 +86,7 @@ class Record:
     @cached_property
     def time(self) -> np.ndarray:
         """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is missing."""
-        from scenarios.api.records.channels import checked_time
-
-        return checked_time(self.file)
+        return window_of(self.file)[0]
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name == TIME:
@@ -116,6 +114,21 @@ class Record:
             ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
             rows.append([name, self.units[name], *ends, str(values.size - known.size)])
         return html.page(f"{self.name}: {span}", html.table(("channel", "unit", "least", "most", "missing"), rows, left=2))
+
+    def window(self, start: float | None = None, stop: float | None = None) -> Record:
+        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None leaves that end open.
+
+        Raises InputError where there is no such row.
+        """
+        from scenarios.api.records.in_memory import rows_of_file
+
+        return replace(self, file=rows_of_file(self.file, start, stop))
+
+    def plot(self) -> Figure:
+        """Inputs and outputs against time, angles in degrees."""
+        from scenarios.api import plot
+
+        return plot.record(self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its ``attrs``."""
@@ -170,7 +183,7 @@ def read_record(
     channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha": ("AoA1", "deg")}``; or a channel map's path.
     inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
     hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar says or the data do.
-    name : what messages call it; else the file's name.
+    name : what messages call a record in memory; a file has its own.
 
     Raises
     ------
@@ -181,17 +194,16 @@ def read_record(
     if isinstance(source, Record):
         return source
     content, told = unpacked(source)
-    label = name or told.name
     known = {**told.units, **(units or {})}
     held = Hold(told.hold) if hold is None and told.hold is not None else _hold_of(hold)
     if isinstance(content, Path):
         file = read_record_file(content)
-        sidecar = replace(file.sidecar, units={**file.sidecar.units, **known}, name=label or file.sidecar.name)
-        sidecar = sidecar if held is None else replace(sidecar, hold=held, says_hold=True)
-        file = replace(file, sidecar=sidecar, path=file.path if name is None else file.path.with_name(name))
+        sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
+        file = replace(file, sidecar=sidecar if held is None else replace(sidecar, hold=held, says_hold=True))
     else:
-        file = file_of_columns(content, label, known, held)
-    file = replace(file, choices=_choices(channels, units or {}, file))
+        file = file_of_columns(content, name or told.name, known, held)
+    file = replace(file, choices=_choices(channels, units or {}))
+    refuse_units(units or {}, file)
     if find_column(TIME, file.table.header, file.table.file, file.choices, file.sidecar.units) is None:
         raise missing_column(TIME, file.table.header, file.table.file)
     return Record(file, tuple(inputs) if inputs is not None else told.inputs)
@@ -209,22 +221,13 @@ def _hold_of(word: str | None) -> Hold | None:
     return plan_of(hold=word).hold
 
 
-def _choices(channels: Any, units: Units, file: RecordFile) -> dict[str, ColumnChoice]:
+def _choices(channels: Any, units: Units) -> dict[str, ColumnChoice]:
     """The channel map, with units that were told of columns and not of channels."""
-    from scenarios.files.channels import read_channel_map
-
     if channels is None:
         return {}
-    entries: Any = channels
-    known: Iterable[str] = (TIME,)
-    if isinstance(channels, Mapping):
-        entries = {key: _entry(value, units) for key, value in channels.items()}
-        known = entries
-    else:
-        from scenarios.files.channel_names import CHANNEL_UNITS
-
-        known = CHANNEL_UNITS
-    return read_channel_map(entries if isinstance(entries, Mapping) else Path(entries), known)
+    if not isinstance(channels, Mapping):
+        return read_channel_map(Path(channels))
+    return read_channel_map({key: _entry(value, units) for key, value in channels.items()}, channels)
 
 
 def _entry(value: Any, units: Units) -> Any:
