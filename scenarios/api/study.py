@@ -79,6 +79,11 @@ class Study:
             return self.diagnosis.records
         return (record_of(self.details.result.setting.record),)
 
+    @property
+    def record(self) -> Record:
+        """The first of them."""
+        return self.records[0]
+
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[name]
 

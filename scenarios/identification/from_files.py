@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from scenarios.preparation.reading import Prepared
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identified:
     """An identification with what it was made from.
 
@@ -45,6 +45,9 @@ class Identified:
     measured: tuple[Record, ...]
     files: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
+
+    def __repr__(self) -> str:
+        return f"<Identified: {self.found!r}>"
 
 
 def identify_files(request: Request, method: str, options: Options = PLAIN) -> Identified:

@@ -13,7 +13,7 @@ from scenarios.files.sources import InputFile, read_source
 from sim.errors import RecordError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RecordFile:
     """A record file's path, its cells as they stand, what the JSON beside it says, and its name with the hash of what was read.
 
@@ -26,6 +26,9 @@ class RecordFile:
     identity: InputFile
     choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
     in_memory: bool = False
+
+    def __repr__(self) -> str:
+        return f"<RecordFile {self.path}: {self.table!r}>"
 
 
 def read_record_file(path: str | Path) -> RecordFile:
