@@ -168,7 +168,7 @@ def _is_table(value: Any) -> bool:
 
 def _key(key: Any) -> str:
     text = str(key)
-    return text if text.isascii() and text.replace("_", "").replace("-", "").isalnum() else json.dumps(text, ensure_ascii=False)
+    return text if text.isascii() and text.replace("_", "").replace("-", "").isalnum() else _quoted(text)
 
 
 def toml_value(value: Any, key: Any) -> str:
@@ -176,7 +176,7 @@ def toml_value(value: Any, key: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return _quoted(value)
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{_key(name)} = {toml_value(each, name)}" for name, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -189,6 +189,11 @@ def toml_value(value: Any, key: Any) -> str:
         where = f"vehicle, key {key}"
         raise DeclarationError(f"a {type(value).__name__} has no place in a vehicle file", where=where, remedy="give a number or a text") from None
     return repr(number) if math.isfinite(number) else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
+
+
+def _quoted(text: str) -> str:
+    """A basic string: as JSON writes it, but for one letter that JSON does not escape."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _shown(value: Any) -> str:
