@@ -203,7 +203,7 @@ class FittedRecord:
     used: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """The tracing loop's result.
 
@@ -246,6 +246,10 @@ class Diagnosis:
     modes_after: Characteristics | None = None
     trained_before: Trained | None = None
     trained_after: Trained | None = None
+
+    def __repr__(self) -> str:
+        named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
+        return f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and {len(self.predictions)} predicted>"
 
 
 class Silent:
