@@ -11,8 +11,8 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
 from scenarios.trials.many import of_each_seed

@@ -11,8 +11,8 @@ from scenarios.side_by_side.comparison import SideBySide
 from scenarios.side_by_side.value import Column as Study
 from scenarios.side_by_side.value import Value
 from scenarios.terminal.numbers import console, number
-from scenarios.terminal.quantities import determined
 from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.quantities import determined
 from scenarios.terminal.tables import GAP, Column, print_table
 
 CELL, FIXED = 17, 40  # columns of a terminal: an estimate with its sigma; parameter, unit and true value

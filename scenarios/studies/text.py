@@ -19,8 +19,8 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.text import print_sweep
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
-from scenarios.terminal.quantities import determined
 from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.quantities import determined
 from scenarios.terminal.tables import Column, print_table
 
 
