@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from scenarios.files.measured.cells import Table
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
-from scenarios.files.measured.tables import Table, table_of
+from scenarios.files.measured.tables import table_of
 from scenarios.files.sources import InputFile, read_source
 from sim.errors import RecordError
 
