@@ -45,7 +45,7 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, 
 
 def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
-    from scenarios.files.measured.record_file import read_record_files, refuse_twice
+    from scenarios.files.measured.record_file import read_with_validation, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
     from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
@@ -62,7 +62,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
-    files, validation = read_record_files(request.records), read_record_files(request.validate)
+    files, validation = read_with_validation(request.records, request.validate)
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim itself.
     own = request.model == "loes" and method == "ekf"
 

@@ -19,8 +19,9 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
+from scenarios.terminal.display_units import is_frequency, shown_in
 from scenarios.terminal.paragraphs import WIDTH, wrapped
-from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
+from scenarios.terminal.quantities import CHANNELS, value_text
 from scenarios.terminal.tables import columns_of, table_lines
 
 MOVED = 2.0  # sigmas
@@ -135,7 +136,7 @@ def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[t
     rows: list[tuple[str, ...]] = []
     for channel, before in d.error_before.rmse.items():
         after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
-        factor, unit = _shown(channel, units)
+        factor, unit = shown_in(units.get(channel, ""), channel)
         rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
     return rows
 
@@ -257,7 +258,7 @@ def _error_phrase(tracing: Tracing) -> str:
     if not channels:
         return ""
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
-    factor, unit = _shown(fell, channel_units(tracing.model))
+    factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
     tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
@@ -269,12 +270,6 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
-
-
-def _shown(channel: str, units: Mapping[str, str]) -> tuple[float, str]:
-    """What turns a channel's numbers into those that people read, and their unit."""
-    unit = units.get(channel, "")
-    return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 
 def _short(value: float) -> str:
