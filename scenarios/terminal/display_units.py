@@ -33,6 +33,12 @@ def shown_in(unit: str, name: str = "") -> Shown:
     return Shown(1.0, unit)
 
 
+def told(value: float, unit: str, name: str = "") -> str:
+    """A number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
+    factor, shown = shown_in(unit, name)
+    return f"{factor * value:.5g}{spaced(shown)}{in_hertz(value, name, unit)}"
+
+
 def is_frequency(name: str, unit: str) -> bool:
     """Whether a quantity of ``unit`` is a frequency by its name: ``frequency``, ``natural_frequency``, ``omega1``."""
     return unit == "rad/s" and ("frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega")

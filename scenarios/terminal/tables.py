@@ -1,6 +1,6 @@
 """Tables, the one way in which every command prints them: at any width every number is whole, and nothing is left out.
 
-Where a table is too wide, headings and then cells of words are folded; where that is not enough, the columns that are left over follow in
+Where a table is too wide, cells of words and then headings are folded; where that is not enough, the columns that are left over follow in
 further blocks, each begun by the columns that say which row it is.
 """
 
@@ -91,10 +91,11 @@ def _line(columns: Sequence[Column], sizes: Sequence[int], parts: Sequence[Seque
 
 
 def _sizes(columns: Sequence[Column], width: int) -> list[int]:
-    """Widths with which the columns fit: headings folded first, then words, the widest first, none below its least."""
+    """Widths with which the columns fit: words folded first, then headings, the widest first, none below its least."""
     sizes = [max(len(text) for text in (column.heading, *column.cells)) for column in columns]
-    cells = [max(_widest_word(column.heading), *map(len, column.cells)) for column in columns]
-    for floors in (cells, [_least(column) for column in columns]):
+    least = [_least(column) for column in columns]
+    headed = [max(small, len(column.heading)) for small, column in zip(least, columns, strict=True)]
+    for floors in (headed, least):
         while (over := _total(sizes) - width) > 0:
             wide = [i for i, floor in enumerate(floors) if sizes[i] > floor]
             if not wide:
