@@ -24,9 +24,9 @@ DEGREE = math.pi / 180.0
 
 
 def coloured(verdict: Verdict) -> Tracing:
-    """A diagnosis whose fit leaves twice the noise in the pitch rate."""
+    """A diagnosis whose fit leaves twice the noise."""
     tracing = tracing_of(verdict)
-    left = {name: (2.0 if name == "q" else 1.0) * std for name, std in tracing.diagnosis.residual_std.items()}
+    left = {name: 2.0 * std for name, std in tracing.diagnosis.residual_std.items()}
     return replace(tracing, diagnosis=replace(tracing.diagnosis, residual_std=left))
 
 
@@ -44,7 +44,7 @@ def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict, tmp_pa
     rows = {row[0]: row for row in error_rows(d)}
     assert rows["q"][-1] == f"{NOISE['q'] / DEGREE:.3g}"
     if verdict is Verdict.PARTIAL:
-        assert rows["q"][-2] == f"{2.0 * NOISE['q'] / DEGREE:.3g}" and rows["alpha"][-2] == rows["alpha"][-1]
+        assert rows["q"][-2] == f"{2.0 * NOISE['q'] / DEGREE:.3g}"
     for told in (diagnosis_text(tracing), diagnosis_page(tracing, [], tmp_path)):
         assert "noise floor" not in told and "sensor noise (estimated)" in told
     assert pictured(tracing).noise["q"] == NOISE["q"], "bands of figures are those of the noise"
