@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
@@ -65,7 +65,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
-    files, validation = read_record_files(request.records), read_record_files(request.validate)
+    files, validation = read_with_validation(request.records, request.validate)
 
     def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
         return _identified(vehicle, method, (files, validation), choices, plan, asked)
