@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.plots.display import display_unit, symbol
-from scenarios.plots.style import BLACK, BLUE, GREEN, GREY, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, time_axis, y_label
+from scenarios.plots.style import BLACK, BLUE, GREEN, GREY, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
 
 _PADDED = 16  # times: a short input's spectrum is drawn finely
 _LAGS = 50
@@ -43,7 +43,7 @@ def figure_residual(
         unit = display_unit(units[name])
         row[0].plot(time, unit.factor * values, color=BLUE, linewidth=0.6)
         row[0].axhspan(-2 * unit.factor * noise[name], 2 * unit.factor * noise[name], color=SKY, alpha=0.3, linewidth=0, label="±2σ of the noise")
-        y_label(row[0], f"{symbol(name)} ({unit.label})")
+        y_label(row[0], f"{symbol(name)} ({unit.text})")
         _draw_power(row[1], time, values, noise[name], marks)
         rho = autocorrelation(values, _LAGS)
         row[2].vlines(np.arange(1, _LAGS + 1), 0.0, rho, color=BLUE, linewidth=1.0)
@@ -88,3 +88,17 @@ def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
         panel.set_yticks([])
         caption(panel, symbol(name))
     return finish(sheet, head=0.25)
+
+
+def figure_bode(omega: np.ndarray, responses: Mapping[str, np.ndarray], unit: str) -> Figure:
+    """Size in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over frequency (rad/s)."""
+    sheet = make_sheet([1.5, 1.5], row_gap=0.25)
+    for number, (label, response) in enumerate(responses.items()):
+        style = method_style(number)
+        sheet.panels[0].plot(omega, 20.0 * np.log10(np.abs(response)), label=label, **style)
+        sheet.panels[1].plot(omega, np.degrees(np.unwrap(np.angle(response))), **style)
+    for panel, text in zip(sheet.panels, (f"size (dB of {unit})", "phase (deg)"), strict=True):
+        panel.set_xscale("log")
+        y_label(panel, text)
+    sheet.panels[1].set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)
+    return finish(sheet)
