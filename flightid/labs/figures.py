@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from scenarios.plots.display import display_unit, symbol
 from scenarios.plots.style import BLACK, BLUE, GREEN, GREY, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
@@ -68,6 +69,11 @@ def _draw_power(panel, time: np.ndarray, values: np.ndarray, noise: float, marks
         panel.axvline(mark, color=VERMILION, linewidth=1.0, linestyle=":", label="" if number else "elastic modes")
     panel.set_xscale("log")
     panel.set_yscale("log")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_locator(LogLocator())
+        axis.set_minor_formatter(NullFormatter())
+    if panel.get_ylim()[0] > 0.05:
+        panel.set_ylim(bottom=0.05)
 
 
 def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
