@@ -12,6 +12,7 @@ from scenarios.cli.declared.check import check
 from scenarios.cli.declared.compare import compare
 from scenarios.cli.declared.diagnose import diagnose
 from scenarios.cli.declared.identify import identify
+from scenarios.cli.declared.lab import lab
 from scenarios.cli.declared.libraries import effects, list_, models, vehicles
 from scenarios.cli.declared.predict import predict
 from scenarios.cli.declared.run import run
@@ -24,6 +25,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign),
     "Measured data": (identify, diagnose, predict, check, watch),
     "Libraries": (list_, models, vehicles, effects),
+    "Teaching": (lab,),
 }
 
 

@@ -56,6 +56,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid vehicles bomber_rigid", "every number with unit and origin"),
         ("flightid vehicles bomber_ac2 --diff bomber_ac1", "what differs from another vehicle"),
     ),
+    "lab": (("flightid lab", "the labs that there are"), ("flightid lab 1 --key", "the instructor's key of one")),
     "effects": (("flightid effects vane-offset", "one effect, explained"),),
 }
 

@@ -18,7 +18,7 @@ def diagnose_records(request: Request, out: Path | None, figures: bool, *, progr
         # Loaded while the second process already starts.
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text
-        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.paragraphs import terminal_width
 
         tracing = diagnose_files(request, tell)
         if out is not None:

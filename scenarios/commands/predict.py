@@ -10,7 +10,7 @@ from scenarios.prediction.words import prediction_text
 
 def predict_with_study(asked: Asked, out: Path | None, figures: bool) -> None:
     """Read, predict, write, print."""
-    from scenarios.terminal.plain_tables import terminal_width
+    from scenarios.terminal.paragraphs import terminal_width
 
     found = predict_record(asked)
     if out is not None:

@@ -12,8 +12,8 @@ from scenarios.commands.stopping import flown, stopped_after
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.terminal.plain_tables import table
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
 from scenarios.trials.many import of_each_seed
@@ -46,7 +46,7 @@ def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes
         done = flown(lambda: of_each_seed(kind.fly, seeds, tell, os.cpu_count() or 1), seeds)
     title, headings, rows = kind.tabled(done.found)
     with stopped_after(len(done.seeds), runs, out):
-        print("\n".join([f"{name}: {len(done.seeds)} flights, {done.words}", *table(headings, rows, title=title)]))
+        print("\n".join([f"{name}: {len(done.seeds)} flights, {done.words}", *table_lines(columns_of(headings, rows), title=title)]))
         if out is not None:
             content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
             with study_folder(out, "campaign.json") as scratch:

@@ -32,7 +32,7 @@ class Inputs:
     model: InputFile | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracing:
     """A diagnosis with what it was made from.
 
@@ -62,6 +62,9 @@ class Tracing:
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)
     plan: Plan = field(default_factory=Plan)
+
+    def __repr__(self) -> str:
+        return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"
 
     @property
     def stick_unit(self) -> str:

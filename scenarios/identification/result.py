@@ -19,7 +19,7 @@ from sim.declaration.system import System
 from sim.record import Record
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
@@ -56,6 +56,9 @@ class Identification:
     band: tuple[float, float] | None = None
     trained: Trained | None = None
     biased: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"
 
 
 @dataclass(frozen=True)

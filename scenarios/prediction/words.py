@@ -5,8 +5,9 @@ from __future__ import annotations
 from ident.tracing.diagnosis import Quantity
 from scenarios.kept.kept_model import DIAGNOSE
 from scenarios.prediction.predict import Prediction, Simulation
-from scenarios.terminal.plain_tables import WIDTH, table, wrapped
+from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import displayed
+from scenarios.terminal.tables import columns_of, table_lines
 
 
 def prediction_text(found: Prediction, width: int = WIDTH) -> str:
@@ -21,7 +22,8 @@ def prediction_text(found: Prediction, width: int = WIDTH) -> str:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
     rows = [*(_rows(found, found.before, "as declared") if found.before is not None and effects else []), *_rows(found, found.after, "predicted")]
     headings = ("", "channel", "rms error", "fit %", "R2", "Theil")
-    lines += table(headings, rows, left=2, title="free simulation: initial states and biases alone are of the record itself")
+    title = "free simulation: initial states and biases alone are of the record itself"
+    lines += table_lines(columns_of(headings, rows, left=2), title=title, width=width, keys=2)
     for note in found.notes:
         lines += wrapped(f"note: {note}", width)
     return "\n".join(lines) + "\n"

@@ -47,7 +47,7 @@ class Spread:
     interval: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
     """Results of N runs: estimates and sigmas ``(n, N)``, and their summary.
 
@@ -64,6 +64,9 @@ class Campaign:
     spreads: tuple[Spread, ...]
     pooled: Spread
     asked: int
+
+    def __repr__(self) -> str:
+        return f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
 
 
 Progress = Callable[[str, float], None]

@@ -11,7 +11,7 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.terminal.plain_tables import table
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.planted.campaign import TraceJudged, trace_shares, verdict_shares
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.scoring import Share
@@ -31,14 +31,15 @@ def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], 
     expected = " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
     blocks = [
         [f"{scenario.name}: {len(judged)} flights, {seeds}", f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"],
-        table(("verdict", "flights", "percent", "95 % interval"), [(name, *_share(share)) for name, share in verdict_shares(judged).items()]),
-        table(
-            ("share", "count", "percent", "95 % interval"),
-            [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of],
-        ),
+        _table("verdict", "flights", [(name, *_share(share)) for name, share in verdict_shares(judged).items()]),
+        _table("share", "count", [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of]),
         [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _table(what: str, number: str, rows: Sequence[tuple[str, ...]]) -> list[str]:
+    return table_lines(columns_of((what, number, "percent", "95 % interval"), rows))
 
 
 def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged], out: str | Path, flown: Mapping[str, Any]) -> Path:
