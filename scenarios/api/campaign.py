@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.api.running import LOOP
 from scenarios.api.shown import html
 from scenarios.api.study import Settings, changes_of
 from scenarios.files.declarations import named_after
@@ -19,7 +20,6 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     import pandas
 
-LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "within_two")
 
 

@@ -14,7 +14,7 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.terminal.numbers import console, number
-from scenarios.terminal.rich_tables import Column, print_table
+from scenarios.terminal.tables import Column, print_table
 
 
 def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
@@ -36,7 +36,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
-    print_table(terminal, title, sizes, shares)
+    print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
@@ -56,6 +56,7 @@ def write_campaign(campaign: Campaign, out: Path) -> Path:
             "method": campaign.estimation.name,
             "first_seed": campaign.seeds[0],
             "runs": len(campaign.seeds),
+            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
             "broken": campaign.broken,
             "parameters": {s.name: _spread(s) for s in campaign.spreads},
             "pooled": {
