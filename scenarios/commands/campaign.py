@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from scenarios.commands.failures import named_after
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
+from scenarios.terminal.summary import BELOW, details_in
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -60,14 +61,15 @@ def refuse_method(method: str | None) -> None:
 def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main") -> None:
     with named_after(file):
         campaign = fly_campaign(scenario, runs, seed, method)
-    _print(campaign)
+    _print(campaign, details=details_in(out, "campaign.json"))
     if out is not None:
         _write(campaign, out)
         print(f"written to {out}")
 
 
-def _print(campaign: Campaign, out: Console | None = None) -> None:
+def _print(campaign: Campaign, out: Console | None = None, details: str = BELOW) -> None:
     from scenarios.terminal.numbers import console, number
+    from scenarios.terminal.summary import Summary, print_summary
     from scenarios.terminal.tables import Column, print_table
 
     terminal = out or console()
@@ -87,6 +89,14 @@ def _print(campaign: Campaign, out: Console | None = None) -> None:
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
+    summary = Summary(
+        title,
+        f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled" + (f", {campaign.broken} broke down" if campaign.broken else ""),
+        f"within 2 sigma {100 * campaign.pooled.within_two:.1f} % (95 % interval {100 * campaign.pooled.interval[0]:.1f} to "
+        f"{100 * campaign.pooled.interval[1]:.1f} %), within 1 sigma {100 * campaign.pooled.within_one:.1f} %",
+        details=details,
+    )
+    print_summary(terminal, summary)
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")

@@ -15,17 +15,19 @@ from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
 from scenarios.identification.assessment.intervals import SETTLED
-from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.identify import identify
-from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
+from scenarios.identification.input_reading import opposite, other_reading, reading_content
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
+from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.text import print_identification
 from scenarios.preparation.plausibility import refuse_strangers
-from scenarios.preparation.record_words import record_content, record_lines
+from scenarios.preparation.record_words import record_content
 from scenarios.preparation.request import Request, column_choices, flown_of
 from scenarios.studies.comparison import estimate_content
-from scenarios.terminal.flying_qualities import levels_content, levels_line
+from scenarios.terminal.flying_qualities import levels_content
+from scenarios.terminal.summary import details_in
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Hold, Record
 
@@ -82,7 +84,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
     space = state_space_of(found) if matrices is not None else None
     if out is not None:
         _write(found, flown, ready.measured, (files, validation), out, figures)
-    _print(found, flown)
+    print_identification(found, flown, details=details_in(out, "comparison.json"))
     if matrices is not None and space is not None:
         write_state_space(space, matrices)
         print(f"matrices written to {matrices}")
@@ -112,6 +114,7 @@ def identification_content(found: Identification, files: Sequence[InputFile], fl
         **content,
         **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
+        **({"sensor_noise": noise} if (noise := estimated_noise(found)) else {}),
         **constraints_content(found.vehicle.constraints, found.tied, found.at_bounds),
         **intervals_content(found.intervals),
         **fits_content(found.fits),
@@ -178,50 +181,3 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
             continue
         if ours.read_bytes() != given.read_bytes():
             raise FlightidError("the study's record would take the place of this file", where=str(given), remedy="name another folder with --out")
-
-
-def _print(found: Identification, flown: Flown) -> None:
-    from ident.tracing.diagnosis import Quantity
-    from scenarios.terminal.numbers import console, derived_line, number, test_line
-    from scenarios.terminal.quantities import determined, displayed
-    from scenarios.terminal.tables import columns_of, print_table
-
-    estimate, terminal = found.estimate, console()
-    for record in (found.record, *found.others):
-        told = f"; {found.vehicle.model} model, {found.method}: {estimate.outcome.value}" if record is (found.record, *found.others)[-1] else ""
-        terminal.print(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s{told}")
-    for doubt in found.doubts:
-        terminal.print(f"warning: {doubt}", highlight=False)
-    for caution in found.cautions:
-        terminal.print(f"caution: {caution}", highlight=False)
-    for line in record_lines(found.look):
-        terminal.print(line, highlight=False)
-    for line in bound_lines(found.at_bounds, found.tied):
-        terminal.print(line, highlight=False)
-    rows: list[tuple[str, ...]] = []
-    starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
-    for row in (*found.rows, *found.biases):
-        begun = f"{starts[row.name]:.5g}" if row.name in starts else "-"
-        if not determined(row.estimate, row.std):
-            rows.append((row.name, row.unit, "not determined", "-", "-", begun))
-            continue
-        share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
-        rows.append((row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun))
-    print_table(terminal, "", columns_of(("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"), rows, left=2))
-    for line in interval_lines(found.intervals, {row.name: row.unit for row in found.rows}):
-        terminal.print(line, highlight=False)
-    if found.reading:
-        terminal.print(f"caution: {found.reading.sentence}", highlight=False)
-        for line in reading_rows(found.reading):
-            terminal.print(line, highlight=False)
-    units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
-    levels = zip(estimate.output_names, estimate.noise_std, strict=True)
-    shown = [(name, displayed(Quantity(float(std), 0.0, units.get(name, "")))) for name, std in levels]
-    noise = ", ".join(f"{name} {value:.3g}{f' {unit}' if unit != '1' else ''}" for name, (value, _, unit) in shown)
-    terminal.print(f"residual (1 sigma): {noise}", highlight=False)
-    for line in fit_lines(found.fits) if len(found.fits) > 1 else ():
-        terminal.print(line, highlight=False)
-    reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
-    for line in (derived_line(found.derived), reached, test_line(found.tests), *(f"note: {note}" for note in found.notes)):
-        if line:
-            terminal.print(line, highlight=False)
