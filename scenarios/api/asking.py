@@ -10,7 +10,7 @@ from typing import Any
 from scenarios.api.records.in_memory import numbered_apart
 from scenarios.api.records.record import Record, read_record
 from scenarios.api.vehicle import Vehicle, source_of
-from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.record_file import RecordFile, read_record_file, refuse_twice
 from scenarios.files.own_models import OwnModel, model_in_memory
 from scenarios.files.vehicles import MODELS, vehicle_beside
 from scenarios.preparation.plan import Plan, plan_of
@@ -41,7 +41,9 @@ def request_of(
     fitted, predicted = _listed(records), _listed(validate)
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
-    files = numbered_apart([_file_of(each) for each in (*fitted, *predicted)])
+    opened = [_file_of(each) for each in (*fitted, *predicted)]
+    refuse_twice([file for file in opened if file.in_memory])
+    files = numbered_apart(opened)
     choices = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
     asked = _model_of(model)
     return Request(

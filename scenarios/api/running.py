@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 Progress = Callable[[str, float], None]
+LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 class Write(Protocol):

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenarios.api.running import LOOP
 from scenarios.commands.stopping import stopped_after
 from scenarios.files.declarations import named_after
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import details_in
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from scenarios.trials.planted.own_flight import OwnFlight
-
-LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], *, progress: bool = True) -> None:
@@ -73,7 +73,7 @@ def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path |
     with named_after(file), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell)
     with stopped_after(len(campaign.seeds), campaign.asked, out):
-        print_campaign(campaign)
+        print_campaign(campaign, details=details_in(out, "campaign.json"))
         if out is not None:
             write_campaign(campaign, out)
             print(f"written to {out}")

@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 
 from ident.tracing.loop import diagnose
+from scenarios.api.running import LOOP
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS
 from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
-from scenarios.commands.campaign import LOOP
 from scenarios.commands.telling import Told, telling
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
