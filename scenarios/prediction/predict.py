@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures
-from ident.tracing.prediction import predict
+from ident.tracing.result import predict
 from scenarios.diagnosis.candidates import read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.channels import read_channel_map
