@@ -237,8 +237,7 @@ class Predicted:
 def predict(before: Trained, after: Trained, declared: Model, record: Record, spiked: Sequence[str] = ()) -> Predicted:
     """Predict a record with the declared model as fitted, and with the effects found.
 
-    Parameters, and effects but for what belongs to one record, are frozen; initial states, biases and events are fitted. ``declared`` : the
-    model with its biases, prepared as for the fit. ``spiked`` : inputs whose isolated wrong samples are mended, as those of the fit were.
+    All is frozen but initial states, biases and events. ``declared`` has its biases, prepared as for the fit; ``spiked`` inputs are mended.
     """
     outputs = after.outputs
     mended = [with_mended(record, spiked)]
@@ -248,4 +247,4 @@ def predict(before: Trained, after: Trained, declared: Model, record: Record, sp
     rows = [prediction(fit, 0, record, channels) for fit in fits]
     (counted,) = spike_masks_of(fits[1], measured_masks([record], outputs)) if fits[1] is not None else measured_masks([record], outputs)
     figures = [error_figures([row], [record], [counted[[*map(outputs.index, channels)]]], channels) for row in rows]
-    return Predicted(Prediction(record, channels, *rows), *figures, fits[1] is not None)
+    return Predicted(Prediction(record, channels, rows[0], rows[1]), figures[0], figures[1], fits[1] is not None)

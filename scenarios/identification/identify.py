@@ -72,11 +72,10 @@ def identify(
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
-
-    def estimated(each: Model) -> tuple[System, Estimate]:
-        return estimated_by(records, each, outputs, method, settings, options)
-
-    bounded, system, estimate, at_bounds = within_bounds(biased, estimated, kept=method not in FILTERS)  # filters know no bounds
+    # Filters know no bounds.
+    bounded, system, estimate, at_bounds = within_bounds(
+        biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
+    )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
     flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
@@ -101,7 +100,6 @@ def identify(
         band=options.band,
         fits=_fits(records, held_out, compiled, estimate, settings),
         trained=trained_by(compiled, estimate.as_dict(), settings),
-        biased=biased.biases,
     )
 
 
@@ -143,7 +141,7 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record],
     fits = record_fits([record], held_out, system, values, settings)
     modes = characteristics(compile_model(model), found.estimate)
     cautions, trained = cautions_of(vehicle, found.estimate, found.rows), trained_by(system, values, settings)
-    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained, biased=tuple(outputs))
+    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained)
 
 
 def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:
