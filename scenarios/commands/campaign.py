@@ -13,6 +13,7 @@ from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import details_in
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path |
     with named_after(file), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell)
     with stopped_after(len(campaign.seeds), campaign.asked, out):
-        print_campaign(campaign)
+        print_campaign(campaign, details=details_in(out, "campaign.json"))
         if out is not None:
             write_campaign(campaign, out)
             print(f"written to {out}")

@@ -19,6 +19,7 @@ def diagnose_records(request: Request, out: Path | None, figures: bool, *, progr
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text
         from scenarios.terminal.paragraphs import terminal_width
+        from scenarios.terminal.summary import details_in
 
         tracing = diagnose_files(request, tell)
         if out is not None:
@@ -26,7 +27,7 @@ def diagnose_records(request: Request, out: Path | None, figures: bool, *, progr
 
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, process=process)
-    print(diagnosis_text(tracing, terminal_width()))
+    print(diagnosis_text(tracing, terminal_width(), details_in(out, "report.html")))
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
     if stages:
         print(f"seconds: {stages}")

@@ -17,6 +17,7 @@ from scenarios.identification.assessment.content import constraints_content, fit
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
 from scenarios.identification.keeping import kept_identification
+from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept
 from scenarios.preparation.record_words import record_content
@@ -72,6 +73,7 @@ def identification_content(found: Identification, files: Sequence[InputFile], fl
         **content,
         **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
+        **({"sensor_noise": noise} if (noise := estimated_noise(found)) else {}),
         **constraints_content(found.vehicle.constraints, found.tied, found.at_bounds),
         **intervals_content(found.intervals),
         **fits_content(found.fits),

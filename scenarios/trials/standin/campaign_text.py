@@ -12,6 +12,8 @@ from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.terminal.paragraphs import WIDTH
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.scoring import Share
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
@@ -27,8 +29,8 @@ _LABELS = {
 }
 
 
-def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str) -> str:
-    """Shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
+def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
     rows = [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
     effects = [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
     derivatives = [
@@ -36,13 +38,21 @@ def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str) -> str
     ]
     verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
     false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    summary = Summary(
+        f"{standin.name}: {standin.title}; {len(judged)} flights, {seeds}",
+        ", ".join(f"{count} {name}" for name, count in verdicts.items()),
+        "; ".join(f"{row[0]} {row[2]} ({row[3]})" for row in rows[:2]),
+        details=details,
+    )
     blocks = [
+        summary_lines(summary, width),
         [f"{standin.name}: {len(judged)} flights, {seeds}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
-        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows)),
+        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows), width=width),
         false,
-        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects)),
+        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects), width=width),
         table_lines(
             columns_of(("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"), derivatives),
+            width=width,
             title="within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative",
         ),
     ]
