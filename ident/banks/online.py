@@ -9,7 +9,7 @@ the rows from there on are filtered again without it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,7 +75,8 @@ class BankState(NamedTuple):
 class OnlineBank:
     """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its equations, and the start.
 
-    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``gate`` is in standard deviations, ``interval`` in s.
+    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start`` is ``(n,)`` for all filters or ``(n, B)``;
+    ``gate`` is in standard deviations, ``interval`` in s; ``memory`` (s) is how far back the recent inputs are kept.
     """
 
     system: System
@@ -88,6 +89,7 @@ class OnlineBank:
     covariance: np.ndarray
     gate: float
     interval: float
+    memory: float
 
     @property
     def R(self) -> np.ndarray:
@@ -134,13 +136,21 @@ def online_bank(system: System, interval: float, delays: Sequence[float] = DELAY
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
     units = tuple(system.parameters[each].unit for each in free_names)
-    return OnlineBank(system, (*system.state_names, *free_names), units, grid, p, tables, start, np.diag(np.square(std)), gate, interval)
+    names, memory = (*system.state_names, *free_names), float(grid.max())
+    return OnlineBank(system, names, units, grid, p, tables, start, np.diag(np.square(std)), gate, interval, memory)
+
+
+def with_delays(bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None) -> OnlineBank:
+    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and starts ``(n,)`` or ``(n, B)`` where given."""
+    # The delays are the only held value that is an array.
+    p = [delays if np.ndim(value) else value for value in bank.p]
+    return replace(bank, delays=delays, p=p, start=bank.start if start is None else start, memory=max(bank.memory, float(delays.max())))
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
     """The state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
-    x = np.repeat(bank.start[:, None], B, axis=1)
+    x = np.array(np.broadcast_to(bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)))
     P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
     silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
     before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
@@ -163,7 +173,7 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
-    oldest = np.maximum(np.searchsorted(time, time[at] - bank.delays[-1], side="right") - 1, 0)
+    oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
     way = _Way(time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist())
     return _through(bank, state, way, rows.outputs)
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from scenarios.watching.estimates import so_far
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
 from scenarios.watching.reference import read_reference
 from scenarios.watching.rows import Fault, at_end
-from scenarios.watching.session import Session, Step, likely_estimate, record_of, start, take
-from scenarios.watching.session import derived_so_far as derived_of_session
+from scenarios.watching.session import Session, Step, record_of, start, take
 from scenarios.watching.show import display, print_end
 from scenarios.watching.stream import Watch, pieces, report, rows_in, session_of
 from scenarios.watching.study import Outcome, refuse_overwriting, write_watch
@@ -40,7 +40,7 @@ def watch_stream(
     """Follow the stream to its end, then print, and write where a folder is named."""
     if model not in WATCHED:
         raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(WATCHED)}")
-    watch = _prepared(record, vehicle, reference, channels)
+    watch = _prepared(record, vehicle, reference, channels, refine)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
     limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
@@ -57,18 +57,18 @@ def watch_stream(
         print(f"written to {out}")
 
 
-def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None) -> Watch:
+def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool = True) -> Watch:
     from scenarios.files.channels import read_channel_map
     from scenarios.files.measured.sidecar import read_sidecar
 
     known = read_reference(reference) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
     if record == PIPE:
-        return Watch("standard input", vehicle, known, choices, {})
+        return Watch("standard input", vehicle, known, choices, {}, refine)
     sidecar = read_sidecar(Path(record))
     if sidecar.hold is not Hold.PREVIOUS:
         raise RecordError("its inputs are linear between samples", where=record, remedy="a stream holds them; use flightid identify")
-    return Watch(record, vehicle, known, choices, sidecar.units)
+    return Watch(record, vehicle, known, choices, sidecar.units, refine)
 
 
 @contextmanager
@@ -105,17 +105,16 @@ def _follow(watch: Watch, lines: Iterator[Lines], history: History | None) -> No
 
 def _written(history: History | None, session: Session, steps: list[Step]) -> None:
     if history is not None and session.bank is not None:
-        history.write(session.bank, steps)
+        history.write(session.bank, steps, session.refine)
 
 
 def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
     """The refinement over all rows where it is wanted and affordable, and the last estimates against the reference."""
     from scenarios.identification.low_order import identify_loes
 
-    bank, state, record = session.bank, session.state, record_of(session)
-    assert bank is not None and state is not None
-    online, weights, delay = likely_estimate(bank, state)
-    found = None
+    state, record = session.state, record_of(session)
+    assert state is not None
+    found, online = None, so_far(session)
     if refine and len(record) <= REFINED_ROWS and bool(state.sound.any()):
         try:
             found = identify_loes(record, session.vehicle)
@@ -123,7 +122,8 @@ def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
             watch.reason = "stopped by the user"
         except FlightidError as error:
             print(f"flightid: not refined: {error}", file=sys.stderr)
-    derived = derived_of_session(session, online, delay) if found is None else found.derived
-    last = online if found is None else found.estimate
-    items = standings(last, derived, watch.reference)
-    return Outcome(record, found, online, weights, derived, items, watch.left_out, watch.mended, session.spikes, watch.reason)
+    if found is None:
+        items = standings(online.estimate, online.derived, watch.reference, online.hanging)
+    else:
+        items = standings(found.estimate, found.derived, watch.reference)
+    return Outcome(record, found, online, items, watch.left_out, watch.mended, session.spikes, watch.reason)

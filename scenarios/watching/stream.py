@@ -29,6 +29,7 @@ class Watch:
     reference: Reference | None
     choices: Mapping[str, ColumnChoice] | None
     units: Mapping[str, str]
+    refine: bool = True
     header: Header | None = None
     session: Session | None = None
     order: Order = field(default_factory=Order)
@@ -49,7 +50,7 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
         watch.line += 1
         if first.strip():
             watch.header = read_header(first, watch.name, watch.choices, watch.units)
-            watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit)
+            watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit, refine=watch.refine)
     if watch.header is None or not lines:
         return np.zeros((0, 0))
     table, numbers, faults = read_lines(watch.header, lines, watch.line + 1)

@@ -26,6 +26,7 @@ from ident.banks.online import bank_estimate
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
+from scenarios.watching.estimates import plain_so_far
 from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
 from scenarios.watching.session import Session, record_of, start, take
 from scenarios.watching.stream import TOGETHER, pieces
@@ -126,7 +127,7 @@ def test_history_ends_at_the_online_estimate(flightid: CommandLine, flown: Recor
     last = dict(zip(header, rows[-1], strict=True))
     for name in PARAMETERS:
         assert last[name] == pytest.approx(content["parameters"][name]["estimate"], rel=1e-8)
-        assert last[f"{name}_std"] == pytest.approx(content["parameters"][name]["std"], rel=1e-8)
+        assert np.hypot(last[f"{name}_std"], last[f"{name}_spread"]) == pytest.approx(content["parameters"][name]["std"], rel=1e-8)
     assert last["most_likely_delay"] == content["fixed"]["delay"]["value"] == content["bank"]["most_likely"]
     assert last["weighted_delay"] == pytest.approx(content["derived"]["delay"]["estimate"], rel=1e-8)
     np.testing.assert_array_equal(rows[:, 0], flown.time)
@@ -244,14 +245,13 @@ def test_reference_gives_the_start_and_the_bounds(flightid: CommandLine, folder:
 def test_flags_take_both_uncertainties(flown: Record) -> None:
     session = Session(vehicle_file(), "stream", "in")
     take(session, table_of(flown))
-    from scenarios.watching.session import derived_so_far, likely_estimate
-
-    assert session.bank is not None and session.state is not None
-    estimate, weights, delay = likely_estimate(session.bank, session.state)
+    found = plain_so_far(session)
+    estimate, weights = found.estimate, found.weights
+    assert session.bank is not None
     at, sigma = estimate.value("M_q"), estimate.sigma("M_q")
     other, spread = estimate.value("M_alpha"), estimate.sigma("M_alpha")
     reference = Reference("study", {"M_q": (at + 2.5 * sigma, sigma), "M_alpha": (other + 2.5 * spread, 0.1 * spread)})
-    items = {item.name: item for item in standings(estimate, derived_so_far(session, estimate, delay), reference)}
+    items = {item.name: item for item in standings(estimate, found.derived, reference)}
     assert items["M_q"].z == pytest.approx(-2.5 / 2**0.5) and not items["M_q"].beyond
     assert items["M_alpha"].z == pytest.approx(-2.5 / 1.01**0.5) and items["M_alpha"].beyond
     assert items["L_q"].z is None and not items["L_q"].beyond
