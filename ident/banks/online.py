@@ -40,6 +40,7 @@ class BankState(NamedTuple):
     ----------
     mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in ``BankEstimate``.
     innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was measured.
+    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was measured.
     skipped : ``(m,)`` samples of this row that were taken for spikes; streak : ``(m,)`` how many in a row.
     rows_seen : rows so far.
     past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
@@ -50,6 +51,7 @@ class BankState(NamedTuple):
     log_likelihood: np.ndarray
     sound: np.ndarray
     innovation: np.ndarray
+    expected: np.ndarray
     skipped: np.ndarray
     streak: np.ndarray
     rows_seen: int
@@ -153,7 +155,7 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
     x = np.array(np.broadcast_to(bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)))
     P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
     silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
-    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
+    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
     way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
     return _through(bank, before, way, rows.outputs)[0]
 
@@ -227,6 +229,7 @@ class _Judged(NamedTuple):
     """What was found of one row's samples before spikes were left out, ``(m,)`` each as in ``BankState``."""
 
     innovation: np.ndarray
+    expected: np.ndarray
     skipped: np.ndarray
     streak: np.ndarray
 
@@ -244,17 +247,18 @@ def _filtered(
     likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
     chosen = done.innovation[np.arange(len(likely)), likely]
     sizes = np.where(valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan)
+    expected = np.where(valid.T, z.T - chosen[:, :, 0], np.nan)
     wild, none = np.abs(sizes) > bank.gate, np.zeros(len(z), dtype=bool)
     suspicious, streak = bool(wild.any() or before.streak.any()), before.streak
     states: list[BankState] = []
     mean, covariance, seen = before.mean, before.covariance, before.rows_seen
     every = bool(good[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        found = _Judged(sizes[k], none, streak)
+        found = _Judged(sizes[k], expected[k], none, streak)
         if k == 0 and judged is not None:
             found = judged
         elif suspicious and valid[:, k].any():
-            found = _Judged(sizes[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
+            found = _Judged(sizes[k], expected[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
             if found.skipped.any():
                 return states, found
         streak = found.streak

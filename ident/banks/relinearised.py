@@ -70,7 +70,7 @@ def linearise(record: Record, system: System, plain: OnlineBank, state: BankStat
         return None
     silent = np.full(len(plain.R), np.nan)
     none = np.zeros(len(plain.R), dtype=bool)
-    begun = (runs.mean, runs.covariance, runs.log_likelihood, runs.sound, silent, none, none.astype(int))
+    begun = (runs.mean, runs.covariance, runs.log_likelihood, runs.sound, silent, silent, none, none.astype(int))
     after = BankState(*begun, state.rows_seen, state.past_time, state.past_inputs)
     bank = replace(online_bank(found.system, plain.interval, fine.tolist(), name=name), memory=plain.memory)
     mean, covariance = joint(bank, after)
