@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from ident.banks.delays import likelihood_weights
 from ident.banks.online import BankState, OnlineBank
@@ -18,7 +19,8 @@ from scenarios.watching.session import STARTED, Session, Step
 
 @dataclass(frozen=True, eq=False)
 class SoFar:
-    """``estimate`` of the parameters, ``derived`` quantities with deviations, likelihood ``weights (B,)`` of the declared delays.
+    """``estimate`` of the parameters, ``derived`` quantities with deviations, ``weights (B,)`` of the declared delays: likelihoods of the plain
+    filters, or where it is refined the probability that the delay is nearest to each.
 
     ``refined``: linearised anew on its way, with the delay between the grid points. Else the most likely filter's, and ``hanging`` are the
     quantities that hang on the start: other starts end as far apart as they began.
@@ -38,8 +40,15 @@ def so_far(session: Session, step: Step | None = None) -> SoFar:
     if step.refined is None:
         return plain_so_far(session, step)
     estimate = joint_estimate(step.refined)
-    weights = likelihood_weights(np.where(step.state.sound, step.state.log_likelihood, -np.inf))
+    weights = nearest(session.bank.delays, estimate.value("delay"), estimate.sigma("delay"))
     return SoFar(estimate, derived_of(estimate, session.vehicle, (0.0, 0.0)), weights, True)
+
+
+def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
+    """The probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing ``delays`` than to any other."""
+    between = 0.5 * (delays[1:] + delays[:-1])
+    below = ndtr((between - value) / max(std, 1e-9))
+    return np.diff(np.concatenate([[0.0], below, [1.0]]))
 
 
 def plain_so_far(session: Session, step: Step | None = None) -> SoFar:

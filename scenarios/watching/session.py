@@ -28,7 +28,7 @@ FEWEST = 40  # rows of it
 SPIKE = 30.0  # standard deviations of the innovation
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")  # what a vehicle file gives a start of
 RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing; later the estimate has long been near
-_UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
 class Step(NamedTuple):
@@ -116,7 +116,7 @@ def record_of(session: Session) -> Record:
     table = np.concatenate(session.taken, axis=1) if session.taken else np.zeros((2 + len(OUTPUTS), 0))
     if table.shape[1] < 2:
         raise RecordError(f"{table.shape[1]} row(s) that can be used", where=session.name, remedy="a stream needs at least two")
-    outputs = tuple(Channel.of(name, _UNITS[name], row) for name, row in zip(OUTPUTS, table[2:], strict=True) if np.isfinite(row).any())
+    outputs = tuple(Channel.of(name, UNITS[name], row) for name, row in zip(OUTPUTS, table[2:], strict=True) if np.isfinite(row).any())
     if not outputs:
         raise RecordError("no number in any output", where=session.name, remedy=f"stream one of {', '.join(OUTPUTS)}")
     return Record(table[0], (Channel.of("stick", session.stick_unit, table[1]),), outputs, name=session.name)

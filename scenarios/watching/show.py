@@ -27,7 +27,7 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
     items = standings(found.estimate, found.derived, watch.reference, found.hanging)
     silent = time.monotonic() - watch.heard
     sound = bool(state.sound.any())
-    return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound)
+    return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound, found.refined)
 
 
 class Show:
@@ -75,7 +75,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     from scenarios.terminal.numbers import console
 
     terminal = console()
-    view = replace(view_of(watch, session), standings=end.standings, silent=0.0)
+    view = replace(view_of(watch, session), standings=end.standings, weights=end.weights, silent=0.0, refined=end.refined)
     kind = "refined over all rows" if end.found is not None else "refined on line" if end.refined else "on line, the most likely filter"
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(live_table(view))

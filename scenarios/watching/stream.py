@@ -17,6 +17,7 @@ from scenarios.watching.rows import Fault, Header, Order, in_order, read_header,
 from scenarios.watching.session import Session
 from sim.errors import RecordError
 
+STOPPED = "stopped by the user"
 TOGETHER = 200  # rows that are filtered before they are written and shown: a few hundredths of a second
 
 
@@ -38,6 +39,11 @@ class Watch:
     mended: int = 0
     reason: str = "the stream ended"
     heard: float = field(default_factory=time.monotonic)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the user stopped it."""
+        return self.reason == STOPPED
 
 
 def rows_in(watch: Watch, came: Lines) -> np.ndarray:

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.identification.result import Identification
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
-from scenarios.watching.estimates import SoFar, plain_so_far
+from scenarios.watching.estimates import SoFar, nearest, plain_so_far
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
 from scenarios.watching.session import Session
@@ -28,16 +30,24 @@ FILES = ("comparison.json", NAME, "record.csv", "record.json")
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None where it was not made; ``online`` the last
-    estimate on line; ``standings`` of what counts."""
+    estimate on line, ``delays`` those of its bank (s); ``standings`` of what counts."""
 
     record: Record
     found: Identification | None
     online: SoFar
+    delays: np.ndarray
     standings: tuple[CrossValidation, ...]
     left_out: int
     mended: int
     spikes: int
     reason: str
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the declared delays, as in ``SoFar``, by what counts."""
+        if self.found is None or "delay" not in self.found.estimate.names:
+            return self.online.weights
+        return nearest(self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay"))
 
     @property
     def refined(self) -> bool:
@@ -69,7 +79,8 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
     """Content of ``comparison.json``: the refined estimate as the main one where it was made, the on-line bank's under ``methods``."""
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
-    plain: dict[str, Any] = {**_content(session, plain_so_far(session)), "method": "online"}
+    alone = plain_so_far(session)
+    plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
     if end.found is not None:
         found = end.found
         main: dict[str, Any] = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
@@ -82,7 +93,7 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
         "vehicle": session.vehicle.name,
         **main,
         **({"methods": {"online": plain}} if end.refined else {}),
-        "bank": {"delays": bank.delays, "weights": end.online.weights, "most_likely": float(bank.delays[state.best])},
+        "bank": {"delays": bank.delays, "weights": alone.weights, "most_likely": float(bank.delays[state.best])},
         **({} if reference is None else {"reference": _reference_content(reference, end.standings)}),
         "stream": {
             "rows": len(end.record),

@@ -18,7 +18,7 @@ from scenarios.terminal.numbers import number
 from scenarios.watching.reference import Reference
 
 HANGING = "hangs on start"
-_WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
+WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class View:
-    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, likelihood weights by delay (s)."""
+    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights by delay (s), which are probabilities
+    where the estimate is ``refined``, else likelihoods."""
 
     name: str
     time: float
@@ -60,6 +61,7 @@ class View:
     weights: np.ndarray
     silent: float = 0.0
     sound: bool = True
+    refined: bool = False
 
 
 def standings(
@@ -84,7 +86,7 @@ def live_table(view: View) -> Table:
     for heading in [*headings, *([""] if compared or hanging else [])]:
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
     for item in view.standings:
-        cells = [_WORDS.get(item.name, item.name), item.unit]
+        cells = [WORDS.get(item.name, item.name), item.unit]
         cells += ["-", "-"] if item.hanging else [number(item.value, item.std), number(item.std, item.std)]
         if item.reference is not None:
             value, std = item.reference
@@ -102,7 +104,7 @@ def line(view: View) -> str:
     """The same in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
-    for name, word in _WORDS.items():
+    for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
             told = f"{number(item.value, item.std)} +- {number(item.std, item.std)} {item.unit}".removesuffix(" 1")
@@ -129,4 +131,4 @@ def _heading(view: View) -> str:
 
 def _weights(view: View) -> str:
     cells = [f"{1000.0 * delay:g}: {weight:.2f}" for delay, weight in zip(view.delays, view.weights, strict=True) if weight >= 0.005]
-    return "likelihood by delay, ms: " + ", ".join(cells)
+    return f"{'probability' if view.refined else 'likelihood'} by delay, ms: " + ", ".join(cells)
