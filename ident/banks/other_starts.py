@@ -48,7 +48,7 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
     missing = [name for name in factors if name not in bank.names]
     if missing:
         raise ModelError("it is no state and no free parameter", where=f"other starts, {missing[0]}", remedy=f"name some of {', '.join(bank.names)}")
-    signs = np.ones((1, 1))
+    signs: np.ndarray = np.ones((1, 1))
     while signs.shape[1] <= len(factors):
         signs = np.kron([[1.0, 1.0], [1.0, -1.0]], signs)
     at = [bank.names.index(name) for name in factors]
