@@ -7,6 +7,7 @@ filter is as good as the iterated one; it is linearised again when what is known
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,10 +43,10 @@ class Relinearised:
     apart: np.ndarray
 
 
-def told_enough(bank: OnlineBank, state: BankState) -> bool:
-    """Whether the most likely filter knows any parameter twice as well as before the first row."""
-    n_x, best = len(bank.system.states), state.best
-    return bool(np.any(state.std(best)[n_x:] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[n_x:])))
+def told_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
+    """Whether the most likely filter knows any of these parameters twice as well as before the first row."""
+    at = [bank.names.index(name) for name in names]
+    return bool(np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at])))
 
 
 def linearise(record: Record, system: System, plain: OnlineBank, state: BankState, elsewhere: np.ndarray, name: str = "delay") -> Relinearised | None:
@@ -93,14 +94,15 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     return current if not state.sound.any() or (inside and dense) else _laid_anew(current, mean, covariance)
 
 
-def due(current: Relinearised) -> bool:
-    """Whether the filters should be linearised again: more rows, and the estimate much sharper, or moved."""
+def due(current: Relinearised, names: Sequence[str]) -> bool:
+    """Whether the filters should be linearised again: more rows, and these parameters much sharper, or moved. Constant terms need not be among
+    them: they act alike wherever the filters are linearised."""
     if current.state.rows_seen < GROWN * current.rows:
         return False
     mean, covariance = joint(current.bank, current.state)
-    n_x = len(current.bank.system.states)
-    std, before = np.sqrt(np.diagonal(covariance))[n_x:], current.std[n_x:]
-    return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[n_x:] > MOVED * before))
+    at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
+    std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
+    return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before))
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:

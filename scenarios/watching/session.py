@@ -173,8 +173,8 @@ def _wanted(session: Session, state: BankState) -> bool:
     if state.rows_seen < GROWN * session.tried:
         return False
     if session.refined is None:
-        return told_enough(session.bank, state)
-    return state.rows_seen <= RELINEARISED_ROWS and due(session.refined)
+        return told_enough(session.bank, state, STARTED)
+    return state.rows_seen <= RELINEARISED_ROWS and due(session.refined, STARTED)
 
 
 def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:

@@ -66,6 +66,7 @@
 
   function show(found) {
     by("kind").textContent = found.kind;
+    by("h-delays").textContent = (found.kind.startsWith("refined") ? "Probability" : "Likelihood") + " of each delay";
     found.weights.forEach((weight, at) => {
       by("delays").children[3 * at + 1].firstChild.style.width = 100 * weight + "%";
       by("delays").children[3 * at + 2].textContent = weight.toFixed(3);
