@@ -21,11 +21,12 @@ REFRESH = 0.25  # s between two drawings of the live table
 
 def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
     """The stream after a step, the last when None."""
+    # A step that is named is news, however long its row waited to be filtered.
+    silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     found, state = so_far(session, step), step.state
     items = standings(found.estimate, found.derived, watch.reference, found.hanging)
-    silent = time.monotonic() - watch.heard
     sound = bool(state.sound.any())
     return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound, found.refined)
 

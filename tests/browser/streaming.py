@@ -73,6 +73,11 @@ class Watched:
                 if pipe is not None:
                     pipe.close()
 
+    def busy(self) -> float:
+        """Seconds of computing of the watch so far."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def memory(self) -> float:
         """Of the watch, MB resident."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()

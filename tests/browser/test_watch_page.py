@@ -34,6 +34,7 @@ class Seen:
     heap: list[float] = field(default_factory=list)
     resident: list[float] = field(default_factory=list)
     missing: int = 0
+    busy: float = 0.0
 
     def look(self, page: Page, watched: Watched) -> dict[str, Any]:
         held = page.evaluate(HELD)
@@ -42,6 +43,7 @@ class Seen:
             self.missing += gaps(held["times"])
         self.heap.append(held["heap"] / 1e6)
         self.resident.append(watched.memory())
+        self.busy = watched.busy()
         return dict(held)
 
 
@@ -114,7 +116,8 @@ def test_a_stream_is_followed_and_comes_back(chromium: Browser, tmp_path: Path) 
 @pytest.mark.slow
 def test_five_minutes(chromium: Browser, tmp_path: Path) -> None:
     seen = follow(chromium, tmp_path, 300.0, cut_at=140.0, cut_for=5.0)
-    print(f"late {np.median(seen.late):.2f} s, at most {max(seen.late):.2f}; page {seen.heap[len(seen.heap) // 2]:.1f} then {seen.heap[-1]:.1f} MB")
+    print("late", *(f"{share}: {np.quantile(seen.late, share):.2f}" for share in (0.5, 0.9, 0.99, 1.0)), "s at look", int(np.argmax(seen.late)))
+    print(f"{100.0 * seen.busy / 300.0:.0f} % of one core; page {seen.heap[len(seen.heap) // 2]:.1f} then {seen.heap[-1]:.1f} MB")
     print(f"watch {seen.resident[10]:.0f}, {seen.resident[len(seen.resident) // 2]:.0f}, then {seen.resident[-1]:.0f} MB; missing {seen.missing}")
     assert seen.missing == 0 and np.median(seen.late[:-10]) < LATE
     # Rings are full after two and a half minutes: what grows after that is the record itself, a row 40 bytes.
