@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from scenarios.terminal.display_units import DEGREES
 from scenarios.terminal.numbers import number
-from scenarios.terminal.quantities import CHANNELS, DEGREES
+from scenarios.terminal.quantities import CHANNELS
 from scenarios.watching.rows import OUTPUTS
 from scenarios.watching.session import UNITS, Step
 from scenarios.watching.table import HANGING, WORDS, CrossValidation
