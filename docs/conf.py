@@ -39,6 +39,8 @@ myst_links_external_new_tab = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
+# Of optional extras: the site needs none of them.
+autodoc_mock_imports = ["jsbsim", "marimo", "playwright", "pyarrow"]
 add_module_names = False
 toc_object_entries = False
 python_maximum_signature_line_length = 100
@@ -47,10 +49,39 @@ copybutton_prompt_text = "$ "
 
 # What the pages themselves do not say: which page stands under which, in which order. A star takes what is not named before it.
 contents = {
-    "index": ["start", "how-to/README", "theory", "reference", "results", "limits", "decisions/README", "made/labs/README", "made/changelog", "made/contributing"],
-    "how-to/README": ["how-to/own-record", "how-to/estimate", "how-to/own-flight-data", "how-to/lateral-and-longitudinal", "own-models", "how-to/own-effect", "how-to/*"],
+    "index": [
+        "start",
+        "how-to/README",
+        "theory",
+        "reference",
+        "results",
+        "limits",
+        "decisions/README",
+        "made/labs/README",
+        "made/changelog",
+        "made/contributing",
+    ],
+    "how-to/README": [
+        "how-to/own-record",
+        "how-to/estimate",
+        "how-to/own-flight-data",
+        "how-to/lateral-and-longitudinal",
+        "own-models",
+        "how-to/own-effect",
+        "how-to/*",
+    ],
     "theory": ["estimators", "tracing", "compatibility", "recording"],
-    "reference": ["made/commands", "scenarios", "made/scenarios", "made/effects", "made/models", "made/vehicles", "nomenclature", "made/names", "made/api/README"],
+    "reference": [
+        "made/commands",
+        "scenarios",
+        "made/scenarios",
+        "made/effects",
+        "made/models",
+        "made/vehicles",
+        "nomenclature",
+        "made/names",
+        "made/api/README",
+    ],
     "results": ["papers", "phase-margin", "tracing-performance", "records/README"],
     "records/README": ["records/*"],
     "decisions/README": ["decisions/*"],

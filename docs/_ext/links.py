@@ -28,7 +28,7 @@ def turned(text: str, origin: str, page: str, pages: Mapping[str, str], files: f
 
     def one(found: re.Match[str]) -> str:
         mark, words, target = found.groups()
-        path, hash_, anchor = target.partition("#")
+        path, _, anchor = target.partition("#")
         if "://" in target or not path or target.startswith("mailto:"):
             return found[0]
         where = posixpath.normpath(posixpath.join(posixpath.dirname(origin), path))

@@ -13,7 +13,9 @@ from docs._ext.made.pages import made_pages, page_names
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = frozenset(
-    path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*") if path.is_file() and path.suffix not in (".md", ".pyc") and "_ext" not in path.parts
+    path.relative_to(ROOT).as_posix()
+    for path in (ROOT / "docs").rglob("*")
+    if path.is_file() and path.suffix not in (".md", ".pyc") and "_ext" not in path.parts
 )
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 # The packages at the top, in the order in which a reader meets them.
 ROOTS = ("flightid", "scenarios", "ident", "sim")
+
+NOTEBOOK = re.compile(r"lab\d+_")
 
 
 def packages(root: Path) -> Iterator[Path]:
@@ -25,8 +28,8 @@ def page_of(folder: Path, root: Path) -> str:
 
 
 def modules_of(folder: Path) -> list[Path]:
-    """Its modules, those that begin with an underscore left out; ``__main__`` is a command, not an interface."""
-    return sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
+    """Its modules, but those that begin with an underscore (``__main__`` is a command) and notebooks, which are no interface."""
+    return sorted(path for path in folder.glob("*.py") if not path.name.startswith("_") and not NOTEBOOK.match(path.name))
 
 
 def overview(root: Path) -> str:

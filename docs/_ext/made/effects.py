@@ -23,9 +23,10 @@ def effects_page() -> str:
 
     parts = [
         "# Effects\n",
-        "Made from the library that `flightid diagnose` searches; `flightid effects NAME` prints one. Data flow from the recorded input over the input path, "
-        "the dynamics with their disturbances, and the sensor path to the recorded output, and each effect has one station on that way. A name with a part behind a colon "
-        "is an instance for one channel, input or load; [models](models.md) list those that may act on each. One of your own: [how](../how-to/own-effect.md).\n",
+        "Made from the library that `flightid diagnose` searches; `flightid effects NAME` prints one. Data flow from the recorded input over "
+        "the input path, the dynamics with their disturbances, and the sensor path to the recorded output, and each effect has one station on "
+        "that way. A name with a part behind a colon is an instance for one channel, input or load; [models](models.md) list those that may act "
+        "on each. One of your own: [how](../how-to/own-effect.md).\n",
     ]
     families = by_family(library())
     rows = [[f"[`{name}`](#{name.lower()})", each[0].station.value, cell(first_sentence(each[0].explanation))] for name, each in families.items()]

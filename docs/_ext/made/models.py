@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from docs._ext.made.markdown import cell, code, plain_block, table
@@ -34,7 +34,12 @@ def models_page() -> str:
     ]
     for name, (equations, constants, derivatives) in families().items():
         parts += [f"## {name}\n", plain_block(sys.modules[type(equations).__module__].__doc__ or "")]
-        for title, signals in (("states", equations.states), ("inputs", equations.inputs), ("outputs", equations.outputs), ("ports", equations.ports)):
+        for title, signals in (
+            ("states", equations.states),
+            ("inputs", equations.inputs),
+            ("outputs", equations.outputs),
+            ("ports", equations.ports),
+        ):
             parts.append(signals_table(title, signals))
         parts += [units_table("constant, held", constants), units_table("parameter, estimated", derivatives)]
         effects = effects_for(equations)
@@ -46,9 +51,14 @@ def models_page() -> str:
     return "\n".join(parts)
 
 
-def signals_table(title: str, signals: Iterable[Signal]) -> str:
+def signals_of(equations: Equations) -> tuple[tuple[str, Sequence[Signal]], ...]:
+    """The signals that equations declare, by what they are."""
+    return (("state", equations.states), ("input", equations.inputs), ("output", equations.outputs), ("port", equations.ports))
+
+
+def signals_table(title: str, signals: Sequence[Signal]) -> str:
     rows = [[code(signal.name), cell(signal.unit), cell(signal.meaning)] for signal in signals]
-    return table([title, "unit", "meaning"], rows) if rows else f"No {title}.\n"
+    return table([title, "unit", "meaning"], rows) if rows else f"No {title}s.\n"
 
 
 def units_table(title: str, units: Mapping[str, str]) -> str:
@@ -82,7 +92,7 @@ def names_page() -> str:
 def declared() -> Iterator[tuple[str, str, str, str, str]]:
     """Model, kind, name, unit, meaning of everything that is declared."""
     for model, (equations, constants, derivatives) in families().items():
-        for kind, signals in (("state", equations.states), ("input", equations.inputs), ("output", equations.outputs), ("port", equations.ports)):
+        for kind, signals in signals_of(equations):
             for signal in signals:
                 yield model, kind, signal.name, signal.unit, signal.meaning
         for kind, units in (("constant", constants), ("parameter", derivatives)):

@@ -41,6 +41,7 @@ def scenario_pages() -> dict[str, str]:
         tables = [key for key, value in document.items() if isinstance(value, dict | list)]
         about = "\n\n".join(paragraph(each) for each in str(document.get("about", "")).strip().split("\n\n"))
         distance = f"Distance of truth and declared model: {paragraph(str(document['distance']))}.\n" if "distance" in document else ""
+        keys = f"Its tables: {', '.join(f'`{key}`' for key in tables)}; " if tables else ""
         pages[f"scenario/{name}"] = "\n".join(
             [
                 f"# {name}\n",
@@ -48,7 +49,7 @@ def scenario_pages() -> dict[str, str]:
                 fenced("text", f"flightid run {name} --out study"),
                 about + "\n",
                 distance,
-                f"Its tables: {', '.join(f'`{key}`' for key in tables)}; every key is explained under [scenario files](../../scenarios.md).\n" if tables else "",
+                f"{keys}every key is explained under [scenario files](../../scenarios.md).\n",
                 fenced("toml", text),
             ]
         )

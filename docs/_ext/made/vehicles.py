@@ -12,7 +12,8 @@ def vehicles_page() -> str:
     sets = [read_parameter_set(name) for name in vehicle_names()]
     parts = [
         "# Vehicles\n",
-        "Made from the data files in `sim/data`, one a source; `flightid vehicles NAME` prints one, `flightid vehicles NAME --diff OTHER` what differs.\n",
+        "Made from the data files in `sim/data`, one a source; `flightid vehicles NAME` prints one, "
+        "`flightid vehicles NAME --diff OTHER` what differs.\n",
         table(["vehicle", "what", "equations"], ([f"[`{data.name}`](#{data.name})", cell(data.title), code(data.equations)] for data in sets)),
     ]
     for data in sets:

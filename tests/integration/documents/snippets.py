@@ -10,9 +10,7 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-from tests.integration.command_line import CommandLine
+from typing import Any, Protocol
 
 ROOT = Path(__file__).parents[3]
 DOCUMENTS = sorted(
@@ -76,6 +74,16 @@ def is_run(kind: str, snippet: str) -> bool:
     return kind == "python" or re.match(r"flightid |python [\w/]+\.py$", snippet) is not None
 
 
+class Program(Protocol):
+    """``flightid``, in this process or as one of its own."""
+
+    def done(self, *arguments: str) -> str:
+        """What it printed, exit code 0."""
+
+    def refused(self, *arguments: str) -> str:
+        """The line with which it refused."""
+
+
 def words(text: str) -> str:
     return " ".join(text.split())
 
@@ -88,7 +96,7 @@ class Reader:
     ``# refused`` behind a command means exit code 2; each line of a ``text`` block stands in what the block before it printed.
     """
 
-    flightid: CommandLine
+    flightid: Program
     seen: str = ""
     lines: int = 0
     names: dict[str, Any] = field(default_factory=lambda: {"__name__": "page"})
@@ -119,7 +127,7 @@ def printed_by(work: Any) -> str:
     return out.getvalue()
 
 
-def run(line: str, flightid: CommandLine) -> str:
+def run(line: str, flightid: Program) -> str:
     """Run a command line of a document; ``> FILE`` takes what it prints."""
     call, _, remark = line.partition("#")
     arguments = shlex.split(call)[1:]
