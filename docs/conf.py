@@ -90,6 +90,8 @@ contents = {
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"flightid {release}".strip()
+# Pages with nothing below them have no navigation of their own section.
+html_sidebars = {name: [] for name in ("index", "start", "limits", "made/changelog", "search", "genindex", "py-modindex")}
 html_static_path = ["_static"]
 html_css_files = ["site.css", "math.css"]
 html_show_sourcelink = False

@@ -5,6 +5,7 @@ The font is STIX Two Math as the package ziamath carries it (SIL Open Font Licen
 
 from __future__ import annotations
 
+import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,10 @@ RANGES = ((0x20, 0x17F), (0x2C0, 0x36F), (0x370, 0x3FF), (0x2000, 0x23FF), (0x25
 
 def mathml(latex: str, block: bool) -> str:
     """One equation. Raises what latex2mathml raises where it cannot read it; the build ends there."""
-    return convert(latex.strip(), display="block" if block else "inline")
+    text = convert(latex.strip(), display="block" if block else "inline")
+    # Dots and bars are accents, which stand close and over the middle of a slanted letter; Greek capitals stand upright as in print.
+    text = re.sub(r"<mover>(?=(?:<mi>[^<]*</mi>|<msub>.*?</msub>)<mo[^>]*>&#x00(?:2D9|0A8|0AF);</mo></mover>)", '<mover accent="true">', text)
+    return re.sub(r"<mi>(&#x0039[1-9A-F]|&#x003A[0-9]);", r'<mi mathvariant="normal">\1;', text)
 
 
 def visit_math(translator: Any, node: nodes.math) -> None:
