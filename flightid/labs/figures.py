@@ -9,7 +9,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from scenarios.plots.display import display_unit, symbol
-from scenarios.plots.style import BLACK, BLUE, GREEN, GREY, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
+from scenarios.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LABEL_SIZE,
+    SKY,
+    VERMILION,
+    ZERO,
+    caption,
+    finish,
+    make_sheet,
+    method_style,
+    time_axis,
+    y_label,
+)
 
 _PADDED = 16  # times: a short input's spectrum is drawn finely
 _LAGS = 50
@@ -85,7 +100,9 @@ def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
 def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
     """Errors of many runs in their reported sigmas ``(N,)`` by parameter, as histograms over the standard normal density."""
     columns = min(3, len(errors))
-    sheet = make_sheet([1.2] * -(-len(errors) // columns), (1.0,) * columns, count=len(errors), row_gap=0.38, column_gap=0.4, left=0.45, share_x=False)
+    sheet = make_sheet(
+        [1.2] * -(-len(errors) // columns), (1.0,) * columns, count=len(errors), row_gap=0.38, column_gap=0.4, left=0.45, share_x=False
+    )
     for panel, (name, values) in zip(sheet.panels, errors.items(), strict=True):
         reach = max(4.0, min(30.0, 1.1 * float(np.max(np.abs(values)))))
         grid = np.linspace(-reach, reach, 301)

@@ -113,7 +113,8 @@ def _(figure_trajectory, lab, mo, page, study):
     mo.accordion(
         {
             "The fall itself: altitude and velocity": page.picture(
-                figure_trajectory(study.record, {"Kalman filter": lab.history_of(study)}, study.truth), "altitude and velocity over time with the errors of the filter"
+                figure_trajectory(study.record, {"Kalman filter": lab.history_of(study)}, study.truth),
+                "altitude and velocity over time with the errors of the filter",
             )
         }
     )

@@ -110,9 +110,7 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
 @app.cell
 def _(figure_input_spectrum, page, study):
     page.picture(
-        figure_input_spectrum(
-            study.record.time, study.record["elevator"].values, study.main.derived["natural_frequency"][0], "short period"
-        ),
+        figure_input_spectrum(study.record.time, study.record["elevator"].values, study.main.derived["natural_frequency"][0], "short period"),
         "the elevator over time, and its spectrum with the frequency of the short period marked",
     )
     return

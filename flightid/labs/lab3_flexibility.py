@@ -72,7 +72,9 @@ def _(lab, mo, page):
 
 @app.cell
 def _(controls, mo, page):
-    mo.vstack([mo.md("## Try it"), page.sliders(controls), mo.md("Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister AC2.")])
+    mo.vstack(
+        [mo.md("## Try it"), page.sliders(controls), mo.md("Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister AC2.")]
+    )
     return
 
 
@@ -95,7 +97,9 @@ def _(command, controls, lab, mo, page, sigmas_off):
     _tests = "; ".join(f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}" for test in study.main.tests)
     mo.vstack(
         [
-            page.table(["derivative, 1/rad", "rigid", "condensed", "estimate", "sigma", "estimate against rigid", "against condensed, sigmas"], _rows),
+            page.table(
+                ["derivative, 1/rad", "rigid", "condensed", "estimate", "sigma", "estimate against rigid", "against condensed, sigmas"], _rows
+            ),
             mo.md(
                 f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic modes from {lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
                 f"Tests of the innovations: {_tests}."
@@ -123,9 +127,7 @@ def _(controls, figure_residual, lab, page, study):
 
 @app.cell
 def _(EquivalentRow, figure_equivalents, mo, page, study):
-    _rows = [
-        EquivalentRow("this structure", row.name, row.unit, row.true, row.condensed, row.estimate, row.std) for row in study.main.rows
-    ]
+    _rows = [EquivalentRow("this structure", row.name, row.unit, row.true, row.condensed, row.estimate, row.std) for row in study.main.rows]
     mo.accordion({"Rigid, condensed, estimated: the picture": page.picture(figure_equivalents(_rows), "rigid, condensed and estimated derivatives")})
     return
 
@@ -170,7 +172,9 @@ def _(close, lab, page):
         ),
         "mends": page.Question(
             "What has the process noise mended?",
-            page.choice(["the model", "the estimates, which are now the rigid aircraft's", "mostly the sigmas, which now admit what the model lacks"]),
+            page.choice(
+                ["the model", "the estimates, which are now the rigid aircraft's", "mostly the sigmas, which now admit what the model lacks"]
+            ),
             lambda value: value is not None and value.startswith("mostly the sigmas"),
             "Compare the sigma of C_mq without noise and with 0.3, and how far its estimate moved.",
             "To mend the model, give it the mode: `flightid run flexible-ac1-first-mode`.",

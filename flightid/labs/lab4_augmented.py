@@ -115,7 +115,13 @@ def _(command, controls, lab, mo, page, seed):
 @app.cell
 def _(figure_fit, page, response_of, study):
     page.picture(
-        figure_fit(study.found.record, [response_of(study.found.estimate, "equivalent system")], None, "", dict(zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True))),
+        figure_fit(
+            study.found.record,
+            [response_of(study.found.estimate, "equivalent system")],
+            None,
+            "",
+            dict(zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)),
+        ),
         "measured angle of attack, pitch rate and load factor, those of the equivalent system, and what is left",
     )
     return

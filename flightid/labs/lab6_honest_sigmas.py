@@ -78,7 +78,9 @@ def _(controls, mo, page, runs):
             mo.md("## Try it"),
             page.sliders(controls),
             runs,
-            mo.md("Where process noise acts every run is a flight of its own: fifty take a few seconds. (Output error knows no process noise, whatever the third slider says.)"),
+            mo.md(
+                "Where process noise acts every run is a flight of its own: fifty take a few seconds. (Output error knows no process noise, whatever the third slider says.)"
+            ),
         ]
     )
     return
@@ -104,7 +106,18 @@ def _(command, controls, lab, mo, page, runs):
     _low, _high = many.pooled.interval
     mo.vstack(
         [
-            page.table(["derivative, 1/rad", "bias, of its own sigma", "scatter", "reported sigma", "scatter / reported", "Cramér-Rao, sensors alone", "within 2 sigma"], _rows),
+            page.table(
+                [
+                    "derivative, 1/rad",
+                    "bias, of its own sigma",
+                    "scatter",
+                    "reported sigma",
+                    "scatter / reported",
+                    "Cramér-Rao, sensors alone",
+                    "within 2 sigma",
+                ],
+                _rows,
+            ),
             mo.md(
                 f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma intervals hold the truth (95 % interval {100 * _low:.0f} to {100 * _high:.0f} %; honest: 95 %); "
                 f"scatter over sigma **{many.pooled.scatter:.2f}**."
@@ -129,7 +142,10 @@ def _(asked, figure_residual, lab, mo, page):
             mo.md("**The residual of the first run.** Is it white?"),
             page.picture(
                 figure_residual(
-                    _study.record.time, lab.residuals(_study), {channel.name: channel.unit for channel in _study.record.outputs}, _study.truth.noise_std
+                    _study.record.time,
+                    lab.residuals(_study),
+                    {channel.name: channel.unit for channel in _study.record.outputs},
+                    _study.truth.noise_std,
                 ),
                 "residual of angle of attack and pitch rate of one run, power spectra, autocorrelation",
             ),
@@ -179,7 +195,11 @@ def _(close, lab, page):
         "modest": page.Question(
             "Now let nothing act, but tell the filter 0.1. Is that safe?",
             page.choice(
-                ["yes, and it costs nothing", "it is safe but wasteful: sigmas are several times too large, and the intervals say little", "no, the estimates are biased"]
+                [
+                    "yes, and it costs nothing",
+                    "it is safe but wasteful: sigmas are several times too large, and the intervals say little",
+                    "no, the estimates are biased",
+                ]
             ),
             lambda value: value is not None and value.startswith("it is safe"),
             "Compare reported sigma and bound for C_mα.",
