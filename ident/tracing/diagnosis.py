@@ -186,7 +186,7 @@ class FittedRecord:
     used: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """The tracing loop's result.
 
@@ -226,6 +226,10 @@ class Diagnosis:
     stopped: bool = False
     modes_before: Characteristics | None = None
     modes_after: Characteristics | None = None
+
+    def __repr__(self) -> str:
+        named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
+        return f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and {len(self.predictions)} predicted>"
 
 
 class Silent:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 from sim.errors import FlightidError
@@ -33,18 +32,6 @@ def report(error: BaseException) -> int:
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
     return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
-
-
-@contextlib.contextmanager
-def named_after(file: str) -> Iterator[None]:
-    """Put the file in front of the place of an error that does not name it."""
-    try:
-        yield
-    except FlightidError as error:
-        if file in error.where:
-            raise
-        where = f"{file}, {error.where}" if error.where else file
-        raise type(error)(error.what, where=where, remedy=error.remedy) from None
 
 
 def _usage(error: Any) -> str:

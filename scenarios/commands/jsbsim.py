@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.commands.failures import named_after
+from scenarios.files.declarations import named_after
 
 
 def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:

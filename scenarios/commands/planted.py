@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.commands.failures import named_after
+from scenarios.files.declarations import named_after
 
 if TYPE_CHECKING:
     from scenarios.trials.planted.declaration import TraceScenario

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.commands.failures import named_after
+from scenarios.files.declarations import named_after
 
 
 def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:

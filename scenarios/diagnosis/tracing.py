@@ -31,7 +31,7 @@ class Inputs:
     model: InputFile | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracing:
     """A diagnosis with what it was made from.
 
@@ -59,6 +59,9 @@ class Tracing:
     overflows: int = 0
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)
+
+    def __repr__(self) -> str:
+        return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"
 
     @property
     def stick_unit(self) -> str:

@@ -18,7 +18,7 @@ from sim.declaration.system import System
 from sim.record import Record
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
@@ -53,6 +53,9 @@ class Identification:
     intervals: tuple[ProfileInterval, ...] = ()
     fits: tuple[RecordFit, ...] = ()
     band: tuple[float, float] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"
 
 
 @dataclass(frozen=True)

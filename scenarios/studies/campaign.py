@@ -44,7 +44,7 @@ class Spread:
     interval: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
     """Results of N runs: estimates and sigmas ``(n, N)``, and their summary. ``broken`` runs are left out of it."""
 
@@ -57,6 +57,9 @@ class Campaign:
     broken: int
     spreads: tuple[Spread, ...]
     pooled: Spread
+
+    def __repr__(self) -> str:
+        return f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
 
 
 def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None, method: str = "main") -> Campaign:

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from scenarios.files.channels import ColumnChoice
 from scenarios.files.measured.sidecar import Sidecar, read_sidecar
 from scenarios.files.measured.tables import Table, table_of
 from scenarios.files.sources import InputFile, read_source
 from sim.errors import RecordError
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RecordFile:
-    """A record file's path, its cells as they stand, what the JSON beside it says, and its name with the hash of what was read."""
+    """A record file's path, its cells as they stand, what the JSON beside it says, and its name with the hash of what was read.
+
+    ``choices``: a channel map of its own. ``in_memory``: it never was a file, and ``path`` is its name alone.
+    """
 
     path: Path
     table: Table
     sidecar: Sidecar
     identity: InputFile
+    choices: Mapping[str, ColumnChoice] = field(default_factory=dict)
+    in_memory: bool = False
+
+    def __repr__(self) -> str:
+        return f"<RecordFile {self.path}: {self.table!r}>"
 
 
 def read_record_file(path: str | Path) -> RecordFile:
@@ -33,9 +42,9 @@ def read_record_file(path: str | Path) -> RecordFile:
     return RecordFile(source.path, table_of(source), read_sidecar(source.path), source.identity)
 
 
-def read_record_files(paths: Iterable[Path]) -> tuple[RecordFile, ...]:
-    """Several record files, in their order."""
-    return tuple(read_record_file(path) for path in paths)
+def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
+    """Several record files, in their order; one that is open already is itself."""
+    return tuple(record if isinstance(record, RecordFile) else read_record_file(record) for record in records)
 
 
 def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
@@ -43,10 +52,23 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
     return tuple(file.identity for file in files)
 
 
-def refuse_twice(paths: Sequence[Path], remedy: str = "name each record once") -> None:
-    """Raise RecordError where two paths lead to the same file."""
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            raise RecordError("the record is named twice", where=str(path), remedy=remedy)
-        seen.add(path.resolve())
+def path_of(record: Path | RecordFile) -> Path | None:
+    """Where a record file is; None of one that never was a file."""
+    if isinstance(record, RecordFile):
+        return None if record.in_memory else record.path
+    return record
+
+
+def refuse_twice(records: Sequence[Path | RecordFile], remedy: str = "name each record once") -> None:
+    """Raise RecordError where two paths lead to the same file, or a record in memory is given twice."""
+    seen: set[Path | int] = set()
+    for record in records:
+        path = path_of(record)
+        key = path.resolve() if path is not None else id(record)
+        if key in seen:
+            raise RecordError("the record is named twice", where=_name_of(record), remedy=remedy)
+        seen.add(key)
+
+
+def _name_of(record: Path | RecordFile) -> str:
+    return str(record.path if isinstance(record, RecordFile) else record)

@@ -18,7 +18,7 @@ from sim.errors import RecordError
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Table:
     """Columns of one file, nothing interpreted yet.
 
@@ -36,6 +36,9 @@ class Table:
     columns: tuple[list[str] | np.ndarray, ...]
     rows: np.ndarray
     ragged: Mapping[int, int] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Table {self.file}: {self.rows.size} rows of {len(self.header)} columns>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from scenarios.commands.campaign import _print
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_text import print_campaign
 from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
 
 NAMES = [f"parameter_{i}" for i in range(3)]
@@ -47,7 +47,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     named: Any = SimpleNamespace(name="rigid", label="output error")
     out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
     nothing = np.zeros((2, 2))
-    _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
+    print_campaign(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
     assert isinstance(out.file, io.StringIO)
     text = out.file.getvalue()
     assert "…" not in text and all(len(line) <= width for line in text.splitlines())
