@@ -9,7 +9,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from scenarios.plots.display import display_unit, symbol
-from scenarios.plots.style import BLACK, BLUE, GREEN, GREY, LABEL_SIZE, SKY, VERMILION, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
+from scenarios.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    LABEL_SIZE,
+    SKY,
+    VERMILION,
+    ZERO,
+    caption,
+    finish,
+    make_sheet,
+    method_style,
+    time_axis,
+    y_label,
+)
 
 _PADDED = 16  # times: a short input's spectrum is drawn finely
 _LAGS = 50

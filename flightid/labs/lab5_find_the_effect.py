@@ -22,7 +22,8 @@ def _(page):
     page.heading(
         5,
         "Find the effect",
-        """To read a residual. Something acts on this flight that the rigid model does not know, or nothing does. You say first what it is; then the tracing loop shows its
+        """To read a residual. Something acts on this flight that the rigid model does not know, or nothing does. You say first what it is; then the
+        tracing loop shows its
         evidence; the truth is opened last.""",
     )
     return
@@ -36,17 +37,21 @@ def _(lab, mo, page):
             mo.md(r"""
     ## Theory
 
-    Fit the wrong model by output error, and its residual $v = z - \hat y$ is noise plus what the model lacks, projected off what the parameters could imitate:
+    Fit the wrong model by output error, and its residual $v = z - \hat y$ is noise plus what the model lacks, projected off what the parameters could
+    imitate:
 
     $$ v \;\approx\; e + \big(I - S (S^T R^{-1} S)^{-1} S^T R^{-1}\big)\, d , $$
 
-    where $d$ is the response that the missing effect makes in the outputs, $S$ the sensitivities of the fitted parameters, $e$ the noise. Part of $d$ has gone into the derivatives, which are now **biased**;
+    where $d$ is the response that the missing effect makes in the outputs, $S$ the sensitivities of the fitted parameters, $e$ the noise. Part of $d$
+    has gone into the derivatives, which are now **biased**;
     the rest stands in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
 
     **Reading it.** Which channels? What came before: a switch of the elevator, or nothing? Does it return, or fade, or grow? Is it one frequency?
 
-    **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then a full fit, then the prediction of a **second record that was not fitted**.
-    An effect is claimed if the data force it: a gain in likelihood that noise would hardly give, and a better prediction. Where two effects explain the data equally well it says so.
+    **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then
+    a full fit, then the prediction of a **second record that was not fitted**.
+    An effect is claimed if the data force it: a gain in likelihood that noise would hardly give, and a better prediction. Where two effects explain
+    the data equally well it says so.
     """),
             mo.accordion({"Signatures: how each suspect shows": page.table(["suspect", "its signature"], _rows)}),
         ]
@@ -88,13 +93,16 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
         [
             mo.md("## 2. What the rigid model leaves of it"),
             page.picture(
-                figure_residual(
-                    flown.train.time, _residuals, {channel.name: channel.unit for channel in flown.train.outputs}, flown.noise
-                ),
+                figure_residual(flown.train.time, _residuals, {channel.name: channel.unit for channel in flown.train.outputs}, flown.noise),
                 "residuals of angle of attack, pitch rate and load factor over time, their power spectra and autocorrelations",
             ),
             page.table(["channel", "rms residual / noise", "correlation with the sample before"], _rows),
-            mo.accordion({"The fit itself": page.picture(_found.plot.fit(), "measured and fitted outputs"), "Another record, predicted": page.picture(_found.plot.held_out(), "a record that was not fitted, measured and predicted")}),
+            mo.accordion(
+                {
+                    "The fit itself": page.picture(_found.plot.fit(), "measured and fitted outputs"),
+                    "Another record, predicted": page.picture(_found.plot.held_out(), "a record that was not fitted, measured and predicted"),
+                }
+            ),
         ]
     )
     return
@@ -137,7 +145,8 @@ def _(flown, get_locked, lab, mo, page, seed):
         found = lab.diagnosed(seed.value)
     guessed, sureness = _locked[1:]
     _errors = [
-        [name, f"{found.error_before[name] / found.noise_floor[name]:.2f}", f"{found.error_after[name] / found.noise_floor[name]:.2f}"] for name in found.error_before
+        [name, f"{found.error_before[name] / found.noise_floor[name]:.2f}", f"{found.error_after[name] / found.noise_floor[name]:.2f}"]
+        for name in found.error_before
     ]
     _effects = [
         f"- **{effect.name}**: {effect.sentence}" + (f" (these data fit as well: {', '.join(effect.alternatives)})" if effect.alternatives else "")
@@ -169,7 +178,12 @@ def _(found, guessed, lab, mo, seed, set_opened, set_rounds, sureness):
     def _open(_):
         set_opened(seed.value)
         _right = guessed == lab.drawn(seed.value)[0]
-        set_rounds(lambda rounds: (*(each for each in rounds if each[0] != seed.value), (seed.value, guessed, sureness, _right, lab.found_by_loop(seed.value))))
+        set_rounds(
+            lambda rounds: (
+                *(each for each in rounds if each[0] != seed.value),
+                (seed.value, guessed, sureness, _right, lab.found_by_loop(seed.value)),
+            )
+        )
 
     mo.vstack([mo.md("## 5. The truth"), mo.ui.button(label="Open the envelope", kind="warn", on_click=_open)])
     return
@@ -181,12 +195,22 @@ def _(found, get_opened, guessed, lab, mo, page, seed):
     _words, _values = lab.drawn(seed.value)
     _claimed = {effect.name: effect for effect in found.effects}.get(lab.SUSPECTS[_words].name)
     _rows = [
-        [name, f"{value:.4g}", f"{_claimed[name].value:.4g} ± {_claimed[name].sigma:.2g}" if _claimed is not None and name in _claimed.parameters else "–"]
+        [
+            name,
+            f"{value:.4g}",
+            f"{_claimed[name].value:.4g} ± {_claimed[name].sigma:.2g}" if _claimed is not None and name in _claimed.parameters else "–",
+        ]
         for name, value in _values.items()
     ]
     mo.vstack(
         [
-            mo.callout(mo.md(f"Hidden was: **{_words}**. Your guess was **{'right' if guessed == _words else 'wrong'}**, the loop {'right' if lab.found_by_loop(seed.value) else 'not right'}."), kind="success" if guessed == _words else "danger"),
+            mo.callout(
+                mo.md(
+                    f"Hidden was: **{_words}**. Your guess was **{'right' if guessed == _words else 'wrong'}**, "
+                    f"the loop {'right' if lab.found_by_loop(seed.value) else 'not right'}."
+                ),
+                kind="success" if guessed == _words else "danger",
+            ),
             page.table(["value, SI", "true", "found by the loop"], _rows) if _rows else mo.md(""),
             mo.md(f"Its signature: {lab.SUSPECTS[_words].shows}. Go back to part 2: would you see it now?"),
         ]
@@ -204,7 +228,10 @@ def _(get_rounds, mo, page):
         [
             mo.md("### Your rounds"),
             page.table(["seed", "your guess", "sure", "you were right", "the loop was right"], _rows),
-            mo.md(f"Brier score of your guesses, the mean of (sure − right)²: **{_brier:.2f}**. Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and wrong gets 1."),
+            mo.md(
+                f"Brier score of your guesses, the mean of (sure − right)²: **{_brier:.2f}**. "
+                "Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and wrong gets 1."
+            ),
         ]
     )
     return

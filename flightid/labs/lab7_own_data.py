@@ -19,7 +19,8 @@ def _(page):
     page.heading(
         7,
         "Bring your own data",
-        """To go the whole way with a record of your own: say what its columns are, look at the sensors before any model, identify, ask what the model lacks, and take a report home.""",
+        """To go the whole way with a record of your own: say what its columns are, look at the sensors before any model, identify, ask what the model
+        lacks, and take a report home.""",
     )
     return
 
@@ -35,13 +36,16 @@ def _(mo):
 
     $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_{\text{vane}} = \lambda\,\alpha - \frac{x_v}{V}\, q + b_\alpha . $$
 
-    Integrate measured rates and load factor, compare with the measured angle: what does not fit is bias, scale, delay or a vane off the centre of gravity. This is the **data compatibility check**.
+    Integrate measured rates and load factor, compare with the measured angle: what does not fit is bias, scale, delay or a vane off the centre of
+    gravity. This is the **data compatibility check**.
 
-    *2. Identification* fits the derivatives by output error (lab 2), with a bias for each output. Its sigmas are honest only if its residual is white (lab 6).
+    *2. Identification* fits the derivatives by output error (lab 2), with a bias for each output. Its sigmas are honest only if its residual is white
+    (lab 6).
 
     *3. Diagnosis* (lab 5) tries what the model may lack and judges by a record, or a part of one, that was not fitted.
 
-    **What you need.** A CSV file with `time`, an input (`elevator`; `stick`; `aileron` and `rudder`) that moves, and one output at least (`alpha`, `q`, `nz`). Units in the header, `alpha [deg]`, or in a channel map. A vehicle file
+    **What you need.** A CSV file with `time`, an input (`elevator`; `stick`; `aileron` and `rudder`) that moves, and one output at least (`alpha`,
+    `q`, `nz`). Units in the header, `alpha [deg]`, or in a channel map. A vehicle file
     with mass, geometry, flight condition and starts that may be 30 % wrong. Signs: nose up is positive, an elevator is positive trailing edge down.
     """)
     return
@@ -77,7 +81,10 @@ def _(channels, lab, mo, model, source, uploads, vehicle):
             uploads
             if _own
             else mo.hstack(
-                [mo.md("Two records, exported as flight-test systems do:"), *(mo.download(content, filename=name, label=name) for name, content in lab.example())],
+                [
+                    mo.md("Two records, exported as flight-test systems do:"),
+                    *(mo.download(content, filename=name, label=name) for name, content in lab.example()),
+                ],
                 justify="start",
                 wrap=True,
             ),
@@ -118,7 +125,12 @@ def _(given, lab, mo, page):
             page.picture(_check.plot.reconstruction(), "measured channels against those that the kinematics reconstruct")
             if _check is not None and _check.details.result.reconstructions
             else mo.md(""),
-            page.command_line("flightid check " + " ".join(path.name for path in given.records) + " --vehicle vehicle.toml" + (" --channels map.toml" if given.channels else "")),
+            page.command_line(
+                "flightid check "
+                + " ".join(path.name for path in given.records)
+                + " --vehicle vehicle.toml"
+                + (" --channels map.toml" if given.channels else "")
+            ),
         ]
     )
     return
@@ -133,7 +145,10 @@ def _(given, lab, mo, model, page):
         _shown = [
             page.table(
                 ["parameter", "unit", "estimate", "sigma", "started at"],
-                [[p.name, p.unit, f"{p.value:.4g}", f"{p.sigma:.2g}", "" if p.start is None else f"{p.start:.4g}"] for p in _found.parameters.values()],
+                [
+                    [p.name, p.unit, f"{p.value:.4g}", f"{p.sigma:.2g}", "" if p.start is None else f"{p.start:.4g}"]
+                    for p in _found.parameters.values()
+                ],
             ),
             mo.md(f"Outcome: {_found.outcome}." + "".join(f"\n- {line}" for line in (*_found.warnings, *_found.notes))),
             page.picture(_found.plot.fit(), "measured and fitted outputs with what is left"),
@@ -158,7 +173,13 @@ def _(given, mo):
     # Other files are another question: it is asked again.
     _ = given
     ask = mo.ui.run_button(label="What does the model lack?", kind="success")
-    mo.vstack([mo.md("## 5. Diagnosis"), mo.md("The loop tries every effect that it knows. A short record takes some seconds, several long ones take minutes."), ask])
+    mo.vstack(
+        [
+            mo.md("## 5. Diagnosis"),
+            mo.md("The loop tries every effect that it knows. A short record takes some seconds, several long ones take minutes."),
+            ask,
+        ]
+    )
     return (ask,)
 
 

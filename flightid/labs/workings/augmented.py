@@ -36,7 +36,9 @@ class Augmented:
     levels: tuple[Level, ...]
 
 
-def changes(airframe: str = "F, flight-like", amplitude: float = 1.0, unit: float = 0.5, dead_band: float = 0.05, noise: bool = True) -> tuple[str, ...]:
+def changes(
+    airframe: str = "F, flight-like", amplitude: float = 1.0, unit: float = 0.5, dead_band: float = 0.05, noise: bool = True
+) -> tuple[str, ...]:
     """Changes of the scenario: airframe, amplitude (in) and unit (s) of the 3-2-1-1 on the stick, its dead band (in), telemetry noise."""
     return (
         f"flight.airframe={AIRFRAMES[airframe]}",

@@ -54,9 +54,7 @@ def awakening(found: Study) -> tuple[float, float]:
     return time, float(np.interp(time, found.record.time, found.record["altitude"].values))
 
 
-def numbers(
-    start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0, seed: int = 1, runs: int = 200
-) -> dict[str, float]:
+def numbers(start: float = 800.0, spread: float = 300.0, passes: int = 1, noise: float = 25.0, seed: int = 1, runs: int = 200) -> dict[str, float]:
     """What the key expects: of one fall and of ``runs``; beta in lb/ft2, altitude in km, shares in per cent."""
     asked = changes(start, spread, passes, noise)
     one, many = study(asked, seed), campaign(asked, runs)
@@ -81,5 +79,7 @@ def passes_needed(start: float, spread: float, share: float = 0.9, most: int = 5
 
 def worse_prior() -> str:
     """Which of two priors about 800 lb/ft2 biases one pass more, in reported sigmas; words as the question has them."""
-    found = {f"{word} one: 800 ± {spread:g}": abs(campaign(changes(spread=spread)).pooled.bias) for word, spread in (("a wide", 300.0), ("a narrow", 30.0))}
+    found = {
+        f"{word} one: 800 ± {spread:g}": abs(campaign(changes(spread=spread)).pooled.bias) for word, spread in (("a wide", 300.0), ("a narrow", 30.0))
+    }
     return max(found, key=lambda words: found[words])

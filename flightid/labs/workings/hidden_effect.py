@@ -43,7 +43,9 @@ SUSPECTS: Mapping[str, Suspect] = {
         "vane-offset", "a residual of **α** that looks like q itself: the vane measures α − (arm/V) q", {"arm": (8.0, 14.0)}
     ),
     "a dead band in the elevator linkage": Suspect(
-        "input-deadband", "errors that depend on the **size** of the deflection: large and small maneuvers cannot both be fitted", {"half_width": (0.01, 0.016)}
+        "input-deadband",
+        "errors that depend on the **size** of the deflection: large and small maneuvers cannot both be fitted",
+        {"half_width": (0.01, 0.016)},
     ),
     "one vertical gust": Suspect(
         "gust-discrete",
