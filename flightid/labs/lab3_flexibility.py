@@ -39,7 +39,8 @@ def _(mo):
     an oscillator that the air drives,
 
     $$ \ddot\eta_i + 2\zeta_i\omega_i\dot\eta_i + \omega_i^2\eta_i = 
-    \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q + C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
+    \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q
+    + C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
 
     and each drives the aircraft in turn: $C_L = \dots + C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\dot\eta_i$, and $C_m$ likewise.
 
