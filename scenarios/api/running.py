@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 Progress = Callable[[str, float], None]
+LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 class Write(Protocol):
@@ -29,8 +30,8 @@ class Write(Protocol):
 class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
 
-    ``text``: what is printed where the output is no terminal. ``page``: its folder holds a page to begin with. ``bar``: it takes long enough for
-    a bar of progress, as all that make a page do.
+    ``text``: what is printed where the output is no terminal. ``page``: its folder holds a page to begin with. ``counted``: the share done
+    that it tells is a measure of its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
@@ -38,7 +39,7 @@ class Runner:
     show: Callable[[Any], None]
     text: Callable[[Any], str]
     page: bool = False
-    bar: bool = False
+    counted: bool = True
 
 
 def untold(stage: str, share: float) -> None:
@@ -62,7 +63,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
         sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed, progress)
         return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
-    return Runner(run, write_study, print_study, _as_text(print_study), bar=scenario.repeated is not None or scenario.sweep is not None)
+    return Runner(run, write_study, print_study, _as_text(print_study))
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:
@@ -73,7 +74,7 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.planted.text import trace_text
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
-    return Runner(run, write_trace, _printed(trace_text), trace_text, page=True)
+    return Runner(run, write_trace, _printed(trace_text), trace_text, page=True, counted=False)
 
 
 def _standin(name: str, changes: Sequence[str]) -> Runner:
@@ -84,7 +85,7 @@ def _standin(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.standin.text import standin_text
 
     run = partial(run_standin, standin_of(*load_document(name, changes)))
-    return Runner(run, write_standin, _printed(standin_text), standin_text, page=True)
+    return Runner(run, write_standin, _printed(standin_text), standin_text, page=True, counted=False)
 
 
 def _loop(name: str, changes: Sequence[str]) -> Runner:
@@ -118,7 +119,7 @@ def _printed(text: Callable[[Any, int], str]) -> Callable[[Any], None]:
     """Prints a study's text as wide as the terminal is."""
 
     def show(study: Any) -> None:
-        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.paragraphs import terminal_width
 
         print(text(study, terminal_width()), end="")
 

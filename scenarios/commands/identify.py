@@ -7,6 +7,7 @@ from pathlib import Path
 
 from scenarios.identification.result import PLAIN, Options
 from scenarios.preparation.request import Request
+from scenarios.terminal.summary import details_in
 
 ALL = "all"  # of --profile: every parameter
 
@@ -34,7 +35,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
         from scenarios.identification.report.files import write_identification
 
         write_identification(identified, out, figures=figures)
-    print_identification(identified.found, identified.flown)
+    print_identification(identified.found, identified.flown, details=details_in(out, "comparison.json"))
     if matrices is not None and space is not None:
         write_state_space(space, matrices)
         print(f"matrices written to {matrices}")

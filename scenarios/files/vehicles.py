@@ -51,6 +51,7 @@ class VehicleFile:
     aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV, category A to C of MIL-F-8785C.
     own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
     constraints : parameters that the file fixes, bounds or ties; their starts stand among the derivatives.
+    text : the file as it stands, empty where there is none.
     """
 
     name: str
@@ -64,6 +65,7 @@ class VehicleFile:
     aircraft_class: str | None = None
     flight_phase: str | None = None
     constraints: Constraints = NONE
+    text: str = field(default="", compare=False)
 
 
 def vehicle_beside(record: Path | RecordFile) -> Path | None:
@@ -99,7 +101,8 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     name, model, laid_down = own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
     constants, starts = ({item.name: item.value for item in model.parameters if item.free is free} for free in (False, True))
     identity = own.identity if source is None else source.identity
-    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down)
+    text = source.content.decode("utf-8-sig") if source is not None else ""
+    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down, text=text)
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
@@ -151,6 +154,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         source.identity,
         **{key: vehicle.get(key) for key in FLOWN},
         constraints=laid_down,
+        text=source.content.decode("utf-8-sig"),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, read_with_validation, refuse_twice
 from scenarios.files.own_models import channel_units
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model, vehicle_beside
 from scenarios.identification.assessment.intervals import SETTLED
@@ -37,7 +37,7 @@ class Identified:
     """An identification with what it was made from.
 
     ``flown``: by which class and category levels of flying qualities are told. ``measured``: the fitted records as they would be written.
-    ``files`` are those of the fit, ``validation`` those that were predicted.
+    ``files`` are those of the fit, ``validation`` those that were predicted; ``plan``: how all were read.
     """
 
     found: Identification
@@ -45,6 +45,7 @@ class Identified:
     measured: tuple[Record, ...]
     files: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
+    plan: Plan
 
     def __repr__(self) -> str:
         return f"<Identified: {self.found!r}>"
@@ -64,7 +65,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     vehicle = read_vehicle(request.vehicle or vehicle_beside(request.records[0]), request.model)
     flown = flown_of(request, vehicle)
     choices = column_choices(request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS)
-    files, validation = read_record_files(request.records), read_record_files(request.validate)
+    files, validation = read_with_validation(request.records, request.validate)
 
     def identified(plan: Plan, asked: Options) -> tuple[Prepared, Identification]:
         return _identified(vehicle, method, (files, validation), choices, plan, asked)
@@ -72,7 +73,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     ready, found = identified(request.plan, options)
     if method not in FILTERS and found.record.inputs and request.plan.hold is None and not any(file.sidecar.says_hold for file in files):
         found = _read_otherwise(found, lambda hold: identified(replace(request.plan, hold=hold), replace(options, profile=None))[1])
-    return Identified(found, flown, ready.measured, files, validation)
+    return Identified(found, flown, ready.measured, files, validation, request.plan)
 
 
 def _identified(

@@ -166,7 +166,7 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
         title = "\n".join([title, *(f"{number}: {name}" for number, name in enumerate(aircraft, start=1))])
     for name, panel in zip(names, sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
-        unit = display_unit(of_name[0].unit)
+        unit = display_unit(of_name[0].unit, name)
         caption(panel, axis_label(name, unit))
         for row in of_name:
             x = float(aircraft.index(row.aircraft))

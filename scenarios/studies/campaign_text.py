@@ -14,11 +14,12 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.terminal.numbers import console, number
-from scenarios.terminal.rich_tables import Column, print_table
+from scenarios.terminal.summary import BELOW, Summary, print_summary
+from scenarios.terminal.tables import Column, print_table
 
 
-def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
-    """The table of all parameters, and how many runs broke down."""
+def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW) -> None:
+    """A summary, the table of all parameters, and how many runs broke down."""
     terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
@@ -36,7 +37,11 @@ def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
-    print_table(terminal, title, sizes, shares)
+    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled" + (f", {campaign.broken} broke down" if campaign.broken else "")
+    low, high = (100 * edge for edge in campaign.pooled.interval)
+    inside = f"within 2 sigma {100 * campaign.pooled.within_two:.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
+    print_summary(terminal, Summary(title, settled, f"{inside}, within 1 sigma {100 * campaign.pooled.within_one:.1f} %", details=details))
+    print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
@@ -56,6 +61,7 @@ def write_campaign(campaign: Campaign, out: Path) -> Path:
             "method": campaign.estimation.name,
             "first_seed": campaign.seeds[0],
             "runs": len(campaign.seeds),
+            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
             "broken": campaign.broken,
             "parameters": {s.name: _spread(s) for s in campaign.spreads},
             "pooled": {

@@ -17,6 +17,7 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
+from scenarios.terminal.summary import HERE
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -48,7 +49,7 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
         if figures:
             from scenarios.studies.figures import draw_study
 

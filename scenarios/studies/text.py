@@ -16,17 +16,21 @@ from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
-from scenarios.studies.sweep.text import print_sweep
+from scenarios.studies.sweep.text import print_sweep, sweep_phrase
+from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
+from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.quantities import determined
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, result_phrase
+from scenarios.terminal.tables import Column, print_table
 
 
-def print_study(study: Study, out: Console | None = None) -> None:
-    """The study's tables, the main method first, each with what there is to say of it; then what holds for the whole study."""
+def print_study(study: Study, out: Console | None = None, details: str = BELOW) -> None:
+    """A summary; the study's tables, the main method first, each with what there is to say of it; then what holds for the whole study."""
     out = out or console()
     scenario = study.scenario
+    print_summary(out, study_summary(study, details))
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
     for method in study.methods:
@@ -54,6 +58,20 @@ def print_study(study: Study, out: Console | None = None) -> None:
             print_paragraph(out, note, indent=0)
 
 
+def study_summary(study: Study, details: str = BELOW) -> Summary:
+    """Scenario and main method; its outcome and largest error; what matters most; what the fit leaves."""
+    main, scenario = study.main, study.scenario
+    others = f" and {len(study.methods) - 1} more" if len(study.methods) > 1 else ""
+    errors = {row.name: row.sigmas for row in main.rows if row.sigmas is not None and row.std > 0.0}
+    worst = max(errors, key=lambda name: abs(errors[name]), default="")
+    outcome = main.result.estimate.outcome.value + (f"; largest error {errors[worst]:+.1f} sigma ({worst})" if worst else "")
+    result = result_phrase([(row.name, row.estimate, row.std, row.unit) for row in main.rows], main.derived)
+    if study.sweep is not None:
+        result = sweep_phrase(study.sweep)
+    done = f"{scenario.name}: {scenario.title}; seed {study.seed}; {main.estimation.label}{others}"
+    return Summary(done, outcome, result, residual_phrase(main.tests), details)
+
+
 def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
     """Choices, one line each under a heading, and what is to be said of the vehicle's numbers; nothing where there is nothing."""
     if lines:
@@ -76,14 +94,14 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     rows = _with_display(study, method.rows)
     columns = [
         Column("parameter", [row.name for row in rows], left=True),
-        Column("unit", [row.unit for row in rows], left=True),
+        Column("unit", [unit_cell(row.unit) for row in rows], left=True),
         Column("true", [_or_dash(row.true) for row in rows]),
     ]
     if any(row.condensed is not None for row in rows):
         columns.append(Column("condensed", [_or_dash(row.condensed) for row in rows]))
     columns += [
         Column("estimate", [number(row.estimate, row.std) if _known(row) else "not determined" for row in rows]),
-        Column("+- sigma", [number(row.std, row.std) if _known(row) else "-" for row in rows]),
+        Column("+- sigma", [number(row.std, row.std) if _known(row) else "-" for row in rows], beside=True),
         Column("error %", [_or_dash(row.percent, ".2f") for row in rows]),
         Column("error, sigmas", [_or_dash(row.sigmas, "+.2f") for row in rows]),
     ]
@@ -91,10 +109,10 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     if any(row.published is not None for row in rows):
         published = [
             Column("published", [f"{row.published.value:.5g}" if row.published else "" for row in rows]),
-            Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows]),
-            Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows]),
+            Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows], beside=True),
+            Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows], beside=True),
         ]
-    print_table(out, title, columns, published)
+    print_table(out, title, [*columns, *published])
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     seen, remark = other_flight_line(study.scenario, method.estimation), published_remark(method.estimation.published)
@@ -115,10 +133,9 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
         Column("95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]),
     ]
     in_sigmas = [Column(name, [_of(each, name, each.rms_sigmas, ".2f") for each in found]) for name in names]
-    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
+    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged, *in_sigmas])
     in_units = [Column(name, [_of(each, name, each.rms, ".3g") for each in found]) for name in names]
-    half = (len(in_units) + 1) // 2
-    print_table(out, "the same in the derivatives' units", [*common, *in_units[:half]], in_units[half:])
+    print_table(out, "the same in the derivatives' units", [*common, *in_units])
     for each in found:
         others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
         if others:

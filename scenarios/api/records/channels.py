@@ -35,9 +35,9 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
     """
     taken: dict[int, tuple[str, Column]] = {}
-    for name, unit in CHANNEL_UNITS.items():
-        found = _found(file, name)
-        if found is not None:
+    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
+        found, unit = _found(file, name), CHANNEL_UNITS[name]
+        if found is not None and found.index not in taken:
             told = found.unit if name == STICK else unit
             taken[found.index] = (name, Column(told, found.header, partial(_channel, file, name)))
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):

@@ -106,14 +106,22 @@ class Record:
         return f"<Record {self.name}: {len(self)} samples of {shown}>"
 
     def _repr_html_(self) -> str:
-        span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
-        rows = []
-        for name in self.names:
-            values = self[name]
-            known = values[np.isfinite(values)]
-            ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
-            rows.append([name, self.units[name], *ends, str(values.size - known.size)])
+        try:
+            span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
+        except RecordError as error:
+            span = str(error)
+        rows = [[name, self.units[name], *self._span_of(name)] for name in self.names]
         return html.page(f"{self.name}: {span}", html.table(("channel", "unit", "least", "most", "missing"), rows, left=2))
+
+    def _span_of(self, name: str) -> list[str]:
+        """The least and the greatest value and how many are missing; of a faulty column what is wrong."""
+        try:
+            values = self[name]
+        except RecordError as error:
+            return [str(error), "", ""]
+        known = values[np.isfinite(values)]
+        ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
+        return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
         """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None leaves that end open.

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api.shown import html
-from scenarios.terminal.plain_tables import table, wrapped
+from scenarios.terminal.paragraphs import wrapped
+from scenarios.terminal.tables import columns_of, table_lines
 
 if TYPE_CHECKING:
     import pandas
@@ -47,7 +48,7 @@ class Table:
 
     def __str__(self) -> str:
         cells = [[_shortened(cell) for cell in row] for row in self.rows]
-        return "\n".join([*wrapped(self.title), *table(self.headings, cells, left=len(self.headings))])
+        return "\n".join([*wrapped(self.title), *table_lines(columns_of(self.headings, cells, left=len(self.headings)))])
 
     def _repr_html_(self) -> str:
         return html.page(self.title, html.table(self.headings, [[_text(cell) for cell in row] for row in self.rows], left=len(self.headings)))

@@ -16,7 +16,10 @@ from scenarios.files.writing import RESPONSE, write_json, write_record, write_re
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
+from scenarios.identification.keeping import kept_identification
+from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import Identification
+from scenarios.kept.kept_model import write_kept
 from scenarios.preparation.record_words import record_content
 from scenarios.studies.comparison import estimate_content
 from scenarios.terminal.flying_qualities import levels_content
@@ -30,6 +33,9 @@ def write_identification(identified: Identified, out: Path, *, figures: bool = T
     """Write the study into the folder ``out``, whole or not at all; returns the folder."""
     found, measured = identified.found, identified.measured
     with study_folder(out, MAIN) as scratch:
+        kept = kept_identification(found, identified.plan)
+        if kept is not None:
+            write_kept(scratch, kept)
         for fit in found.fits[:1]:
             simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
             write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)
@@ -67,6 +73,7 @@ def identification_content(found: Identification, files: Sequence[InputFile], fl
         **content,
         **({"flying_qualities": levels_content(mode_levels(found.modes, flown), flown)} if found.modes is not None else {}),
         **({"biases": {row.name: {"estimate": row.estimate, "std": row.std, "unit": row.unit} for row in found.biases}} if found.biases else {}),
+        **({"sensor_noise": noise} if (noise := estimated_noise(found)) else {}),
         **constraints_content(found.vehicle.constraints, found.tied, found.at_bounds),
         **intervals_content(found.intervals),
         **fits_content(found.fits),
