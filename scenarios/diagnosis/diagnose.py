@@ -84,6 +84,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         overflows.count,
         settings.effort,
         opened.flown,
+        request.plan,
     )
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.evidence import record_labels
@@ -21,6 +22,7 @@ from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.kept.kept_model import write_kept
 from scenarios.plots.pictured import Pictured, Replicated
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
@@ -46,6 +48,9 @@ def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = Tru
             content = diagnosis_content(tracing, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
             template = report_template()
         (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
+        kept = kept_diagnosis(tracing)
+        if kept is not None:
+            write_kept(scratch, kept)
         write_json(scratch / MAIN, content)
     return Path(folder)
 

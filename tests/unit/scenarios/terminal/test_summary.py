@@ -13,9 +13,7 @@ from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Verdict
-from scenarios.compatibility.text import print_check
 from scenarios.diagnosis.report.text import details_text, diagnosis_summary, diagnosis_text
-from scenarios.identification.text import print_identification
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.study import run_scenario
 from scenarios.studies.text import print_study

@@ -1,0 +1,31 @@
+"""`flightid check`."""
+
+from __future__ import annotations
+
+from scenarios.cli.options import AsJson, Channels, Figures, From, Held, Lowpass, Out, Quiet, Rate, Records, To, Trust, VehicleBeside
+from scenarios.preparation.plan import plan_of
+from scenarios.preparation.request import Request
+
+
+def check(
+    records: Records,
+    vehicle: VehicleBeside = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
+    trust: Trust = False,
+    out: Out = None,
+    figures: Figures = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Data compatibility: what the kinematics alone say of the sensors."""
+    from scenarios.commands.check import check_records
+    from scenarios.commands.telling import telling
+
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
+        check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)
