@@ -10,10 +10,10 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.declarations import closest
+from scenarios.files.measured.cells import numbers
 from scenarios.files.measured.columns import Column as Found
 from scenarios.files.measured.columns import find_column, split_header, suffix_unit
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.measured.tables import numbers
 from scenarios.files.records import read_record
 from sim.errors import RecordError
 
@@ -35,6 +35,7 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
     """
     taken: dict[int, tuple[str, Column]] = {}
+    under = file.table.units or ("",) * len(file.table.header)
     for name, unit in CHANNEL_UNITS.items():
         found = _found(file, name)
         if found is not None:
@@ -44,11 +45,11 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
         choice = file.choices[name]
         for index, cell in enumerate(file.table.header):
             if choice.column in (cell, split_header(cell)[0]):
-                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or "1", cell, partial(_raw, file, index)))
+                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or under[index] or "1", cell, partial(_raw, file, index)))
     for index, cell in enumerate(file.table.header):
         if index not in taken and cell and _numeric(file, index):
             name, unit_told = split_header(cell)
-            told = unit_told or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
+            told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
             taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
     return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
 
@@ -70,7 +71,7 @@ def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
 
 def _found(file: RecordFile, name: str) -> Found | None:
     try:
-        return find_column(name, file.table.header, file.table.file, file.choices, file.sidecar.units)
+        return find_column(name, file.table.header, file.table.file, file.choices, file.sidecar.units, under=file.table.units)
     except RecordError:
         return None
 
@@ -80,9 +81,9 @@ def _channel(file: RecordFile, name: str) -> np.ndarray:
 
 
 def _raw(file: RecordFile, index: int) -> np.ndarray:
-    return numbers(file.table.columns[index]).values
+    return numbers(file.table, index).values
 
 
 def _numeric(file: RecordFile, index: int) -> bool:
-    found = numbers(file.table.columns[index])
+    found = numbers(file.table, index)
     return not found.texts and bool(np.isfinite(found.values).any())

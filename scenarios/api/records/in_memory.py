@@ -13,10 +13,10 @@ import numpy as np
 
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.cells import Table, one_line
 from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar
-from scenarios.files.measured.tables import Table, one_line
 from scenarios.files.records import window_of
 from scenarios.files.sources import InputFile
 from sim.errors import RecordError
@@ -90,7 +90,7 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     label = f"{file.path.name}[{span}]"
     old = file.table
     ragged = {position - rows.start: cells for position, cells in old.ragged.items() if rows.start <= position < rows.stop}
-    table = Table(label, old.header, tuple(column[rows] for column in old.columns), old.rows[rows], ragged)
+    table = replace(old, file=label, columns=tuple(column[rows] for column in old.columns), rows=old.rows[rows], ragged=ragged)
     return replace(file, path=Path(label), table=table, identity=InputFile(label, _digest(table)), in_memory=True)
 
 

@@ -204,7 +204,7 @@ def read_record(
         file = file_of_columns(content, name or told.name, known, held)
     file = replace(file, choices=_choices(channels, units or {}))
     refuse_units(units or {}, file)
-    if find_column(TIME, file.table.header, file.table.file, file.choices, file.sidecar.units) is None:
+    if find_column(TIME, file.table.header, file.table.file, file.choices, file.sidecar.units, under=file.table.units) is None:
         raise missing_column(TIME, file.table.header, file.table.file)
     return Record(file, tuple(inputs) if inputs is not None else told.inputs)
 
