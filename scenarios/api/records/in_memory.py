@@ -103,7 +103,11 @@ def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
         if file.in_memory:
             name = next(each for n in itertools.count(1) if (each := name if n == 1 else f"{name} {n}") not in taken)
             taken.add(name)
-        out.append(file if name == file.path.name else replace(file, path=Path(name), table=replace(file.table, file=name)))
+        out.append(
+            file
+            if name == file.path.name
+            else replace(file, path=Path(name), table=replace(file.table, file=name), identity=replace(file.identity, name=name))
+        )
     return out
 
 

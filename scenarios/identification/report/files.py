@@ -46,7 +46,7 @@ def write_identification(identified: Identified, out: Path, *, figures: bool = T
         if figures:
             from scenarios.identification.figures import draw_identification
 
-            draw_identification(found, measured[0], scratch)
+            draw_identification(found, measured[0], scratch, estimated_noise(found))
         write_json(scratch / MAIN, identification_content(found, identities(identified.files), identified.flown, identities(identified.validation)))
     return out
 
