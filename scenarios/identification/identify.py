@@ -68,11 +68,10 @@ def identify(
     model, records, held_out, said = _declared(model or model_of_file(vehicle), records, held_out, vehicle, method)
     outputs = _measured(model, records)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
-    # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
+    # A common factor of an elastic coordinate is not in the data: only a prior fixes it. Filters know no bounds.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
-    # Filters know no bounds.
     bounded, system, estimate, at_bounds = within_bounds(
         biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
     )
