@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.running import LOOP
+from scenarios.api.running import KEPT, LOOP
 from scenarios.api.shown import html
 from scenarios.api.study import Settings, changes_of
 from scenarios.files.declarations import named_after
@@ -74,7 +74,7 @@ class Campaign:
         from scenarios.studies.campaign_text import print_campaign
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_campaign(self.details, out))
+        return as_text(lambda out: print_campaign(self.details, out, KEPT))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""

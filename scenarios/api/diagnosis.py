@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
 from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
+from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.effect_claims import Effect, claimed_effects
 from scenarios.api.shown.parameters import Parameter, Parameters
@@ -122,7 +124,7 @@ class Diagnosis:
         """What the command prints."""
         from scenarios.diagnosis.report.text import diagnosis_text
 
-        return diagnosis_text(self.details)
+        return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and with the effects (``after``)."""
@@ -201,7 +203,7 @@ def diagnose(
     validate: Source | Sequence[Source] = (),
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     effort: str = "normal",
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,

@@ -14,7 +14,9 @@ import numpy as np
 
 from scenarios.api import plot
 from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
+from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters
 from scenarios.api.shown.responses import errors_of, response_of
@@ -127,7 +129,7 @@ class Identification:
         from scenarios.identification.report.text import print_identification
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out))
+        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
@@ -195,7 +197,7 @@ def identify(
     profile: bool | str | Sequence[str] | None = None,
     band: tuple[float, float] | None = None,
     engine: str | None = None,
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,

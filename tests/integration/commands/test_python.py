@@ -32,8 +32,8 @@ def table(flight: Path) -> pandas.DataFrame:
 
 
 def lines(text: str) -> list[str]:
-    """What was printed, without where it was written and how long it took."""
-    return [line.rstrip() for line in text.splitlines() if not line.startswith(("written to", "seconds:")) and line.strip()]
+    """What was printed, without where more is written and how long it took."""
+    return [line.rstrip() for line in text.splitlines() if not line.startswith(("written to", "seconds:", "details ")) and line.strip()]
 
 
 def timeless(folder: Path) -> dict[str, Any]:
@@ -141,6 +141,14 @@ def test_a_refusal_is_the_line_of_the_command(
     with pytest.raises(fid.InputError) as raised:
         call(flight, vehicle)
     assert str(raised.value) == flightid.refused("identify", flight, "--vehicle", vehicle, *given)
+
+
+def test_a_channel_map_of_a_call_is_for_all_its_tables(table: pandas.DataFrame, vehicle: Path) -> None:
+    other = table.rename(columns={"time": "T", "q": "gyro"}).assign(gyro=np.degrees(table["q"]))
+    found = fid.identify(other, "rigid", vehicle, channels={"time": "T", "q": ("gyro", "deg/s")})
+    assert found.parameters.to_dict() == pytest.approx(fid.identify(table, "rigid", vehicle).parameters.to_dict(), rel=1e-6)
+    with pytest.raises(fid.InputError, match=r"channels, key qq: there is no such key; did you mean 'q'\?"):
+        fid.identify(table, "rigid", vehicle, channels={"qq": "q"})
 
 
 def test_one_table_given_twice_is_refused(table: pandas.DataFrame, vehicle: Path) -> None:
