@@ -11,6 +11,7 @@ import numpy as np
 
 from scenarios.api.running import KEPT, LOOP
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.api.study import Settings, changes_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
@@ -85,6 +86,10 @@ class Campaign:
     @property
     def _title(self) -> str:
         return f"{self.details.scenario.name}, {len(self.details.seeds)} runs by {self.details.estimation.label}"
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         low, high = self.coverage_interval

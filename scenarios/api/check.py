@@ -13,6 +13,7 @@ from scenarios.api.asking import Source, Times, plan_from, request_of
 from scenarios.api.records.opening import Choices
 from scenarios.api.running import KEPT
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.text import finding_lines
@@ -92,6 +93,10 @@ class Check:
         from scenarios.compatibility.files import write_check
 
         return write_check(self.details, Path(folder), figures=figures)
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:

@@ -17,6 +17,7 @@ from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.effect_claims import Effect, claimed_effects
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.report import write_report
 from scenarios.api.shown.responses import prediction_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
@@ -172,12 +173,7 @@ class Diagnosis:
 
     def report(self, path: str | PathLike[str], *, figures: bool = True) -> Path:
         """Write the report alone, one HTML file that holds its figures; returns the path."""
-        from tempfile import TemporaryDirectory
-
-        with TemporaryDirectory(prefix="flightid-") as folder:
-            page = (self.save(Path(folder) / "study", figures=figures) / "report.html").read_bytes()
-        Path(path).write_bytes(page)
-        return Path(path)
+        return write_report(lambda folder: self.save(folder, figures=figures), path)
 
     @property
     def plot(self) -> plot.Figures:

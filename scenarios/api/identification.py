@@ -19,6 +19,7 @@ from scenarios.api.records.record import Record, record_of
 from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.report import write_report
 from scenarios.api.shown.responses import errors_of, response_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.identification.from_files import Identified, identify_files
@@ -168,6 +169,10 @@ class Identification:
         from scenarios.identification.report.files import write_identification
 
         return write_identification(self.details, Path(folder), figures=figures)
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:

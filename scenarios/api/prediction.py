@@ -13,6 +13,7 @@ from scenarios.api.asking import Declared, Source, Times, effects_of, file_of, m
 from scenarios.api.records.opening import Choices, choices_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.files.channel_names import TIME
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
@@ -90,6 +91,10 @@ class Prediction:
             if simulation is not None
             for name, errors in figures_of(simulation).items()
         ]
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted")

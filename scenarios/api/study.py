@@ -16,6 +16,7 @@ from scenarios.api.records.record import Record, record_of
 from scenarios.api.running import LOADERS, Runner, untold
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters, row_of
+from scenarios.api.shown.report import write_report
 from scenarios.files.declarations import named_after
 from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
 
@@ -112,6 +113,10 @@ class Study:
         """Write the study as the command does with ``--out``; returns the folder."""
         self._runner.write(self.details, Path(folder), figures=figures)
         return Path(folder)
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:
