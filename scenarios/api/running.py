@@ -29,8 +29,8 @@ class Write(Protocol):
 class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
 
-    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal. ``page``: its folder holds a page to begin with. ``counted``: the share done
-    that it tells is a measure of its time, as that of a search is not.
+    ``show`` prints a study, which says where else its details are; ``text`` is what it prints where the output is no terminal. ``page``: its
+    folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
