@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from scenarios.api.running import LOOP
 from scenarios.api.shown import html
 from scenarios.api.study import Settings, changes_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
-from scenarios.studies.catalogue import load_scenario, scenario_file
+from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     import pandas
@@ -101,6 +103,10 @@ def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, s
     InputError : there is no such scenario or method, or it is none of estimators.
     """
     text = str(name)
+    kind = scenario_kind(text) if text not in LOOP else "the tracing loop"
+    if kind != IDENTIFICATION:
+        what = f"{text} is a campaign of {kind}, and only those of estimators are run from Python"
+        raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
     scenario = load_scenario(text, changes_of(set))
     with named_after(scenario_file(text)):
         return Campaign(campaigns.fly_campaign(scenario, runs, seed, method or "main"))

@@ -21,6 +21,7 @@ from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
 
 if TYPE_CHECKING:
+    import control
     import pandas
 
     from ident.tracing.diagnosis import Quantity
@@ -151,6 +152,15 @@ class Diagnosis:
         from scenarios.diagnosis.report.content import diagnosis_content
 
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
+
+    def to_state_space(self, pade: int = 4) -> control.StateSpace:
+        """The declared model with ``parameters``, as python-control's with named signals; the claimed effects are no part of it."""
+        from ident.flying_qualities.state_space import to_control
+        from scenarios.identification.state_space import linearised
+        from sim.declaration.compile import compile_model
+
+        traced, values = self.details, self.parameters.to_dict()
+        return to_control(linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own), pade)
 
     def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
         """Write the study with its ``report.html`` as the command does with ``--out``; returns the folder."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 Progress = Callable[[str, float], None]
+LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 class Write(Protocol):
@@ -29,7 +30,7 @@ class Write(Protocol):
 class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
 
-    ``show`` prints a study, which says where else its details are; ``text`` is what it prints where the output is no terminal. ``page``: its
+    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal. ``page``: its
     folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
     """
 

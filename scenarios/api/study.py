@@ -20,6 +20,7 @@ from scenarios.files.declarations import named_after
 from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
 
 if TYPE_CHECKING:
+    import control
     import pandas
 
 Settings = Mapping[str, Any] | Sequence[str] | None
@@ -98,6 +99,14 @@ class Study:
             frame["true"] = [self.true.get(name, float("nan")) for name in frame.index]
             frame["sigmas"] = (frame["value"] - frame["true"]) / frame["sigma"]
         return frame
+
+    def to_state_space(self, pade: int = 4) -> control.StateSpace:
+        """The model with ``parameters``, as python-control's with named signals; of the main method, or of a diagnosis."""
+        if self.diagnosis is not None:
+            return self.diagnosis.to_state_space(pade)
+        from scenarios.api.matrices import matrices_of_study
+
+        return matrices_of_study(self.details, self.kind, pade)
 
     def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""

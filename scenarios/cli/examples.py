@@ -13,16 +13,16 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     "run": (
         ("flightid run rigid", "simulate, identify, compare with the truth"),
         ("flightid run mine.toml --seed 3 --set flight.rate=50 --out study", "an edited copy, with another seed and sampling, into a folder"),
-        ("flightid run ballistic rigid --out studies", "several, each into a folder of its own"),
+        ("flightid run mine.toml rigid --out studies", "several, each into a folder of its own"),
     ),
     "compare": (("flightid compare study studies/rigid", "studies side by side, from their folders"),),
     "simulate": (
         ("flightid simulate rigid --seed 3 --out rigid.csv", "a record as a flight test would hand it over"),
-        ("flightid simulate trace-vane-offset --out flight.csv", "two records with something hidden in them, and a vehicle file"),
+        ("flightid simulate trace-vane --out flight.csv", "two records with something hidden in them, and a vehicle file"),
     ),
     "campaign": (
         ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        ("flightid campaign trace-vane-offset --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
+        ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
     ),
     "identify": (
         ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit", "parameters of a model from a record"),

@@ -7,6 +7,7 @@ from typing import Any
 from typer.core import TyperCommand, TyperGroup
 
 from scenarios.cli.examples import examples_text
+from scenarios.commands.failures import Stopped
 
 
 class GroupedCommands(TyperGroup):
@@ -22,6 +23,13 @@ class GroupedCommands(TyperGroup):
         for group, rows in groups.items():
             with formatter.section(group):
                 formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; Ctrl-C leaves with what it says is kept."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stopped:
+            raise Stopped(str(stopped)) from None
 
 
 class WithExamples(TyperCommand):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenarios.api.running import LOOP
 from scenarios.commands.stopping import stopped_after
 from scenarios.files.declarations import named_after
 from scenarios.studies.campaign import fly_campaign
@@ -17,8 +18,6 @@ from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from scenarios.trials.planted.own_flight import OwnFlight
-
-LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], *, progress: bool = True) -> None:

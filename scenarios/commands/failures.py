@@ -11,6 +11,10 @@ from sim.errors import FlightidError
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
 
 
+class Stopped(Exception):
+    """Ctrl-C on its way through the command-line library, which would print a line of its own; the text says what is kept."""
+
+
 def report(error: BaseException) -> int:
     """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1 anything else, 0 a clean exit.
 
@@ -26,7 +30,7 @@ def report(error: BaseException) -> int:
     if isinstance(error, BrokenPipeError):
         return 1
     name = type(error).__name__
-    if isinstance(error, KeyboardInterrupt) or name == "Abort":
+    if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
         return _say(f"stopped; {str(error) or 'nothing was written'}", STOPPED)
     if name == "NoArgsIsHelpError":
         return _say("no command is given; see flightid --help", 2)

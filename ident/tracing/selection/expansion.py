@@ -46,7 +46,8 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     if fuller is not fitted and not _waits(findings, fitted.fit.cost - fuller.fit.cost):
         ledger, further = expand(ledger, fuller, number)
         return ledger, [fuller, *further]
-    doing = f"round {number}: {' + '.join(fitted.names) or 'declared model'}, {len(ledger.models)} sets fitted"
+    sets = f"{len(ledger.models)} {'set' if len(ledger.models) == 1 else 'sets'} fitted"
+    doing = f"round {number}: {' + '.join(fitted.names) or 'declared model'}, {sets}"
     problem.progress(doing, number / (problem.settings.depth + 1))
     ledger, children, explained = _fit_promising(ledger, fitted, findings)
     if explained is None and not is_white(fitted) and not has_process_noise(fitted.system):

@@ -12,9 +12,9 @@ from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.declarations import closest
 from scenarios.files.measured.cells import numbers
 from scenarios.files.measured.columns import Column as Found
-from scenarios.files.measured.columns import find_column, split_header, suffix_unit
+from scenarios.files.measured.columns import split_header, suffix_unit
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.records import read_record
+from scenarios.files.records import column_of, read_record
 from sim.errors import RecordError
 
 INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
@@ -36,9 +36,9 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     """
     taken: dict[int, tuple[str, Column]] = {}
     under = file.table.units or ("",) * len(file.table.header)
-    for name, unit in CHANNEL_UNITS.items():
-        found = _found(file, name)
-        if found is not None:
+    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
+        found, unit = _found(file, name), CHANNEL_UNITS[name]
+        if found is not None and found.index not in taken:
             told = found.unit if name == STICK else unit
             taken[found.index] = (name, Column(told, found.header, partial(_channel, file, name)))
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):
@@ -55,23 +55,29 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
-    """Raise RecordError for a unit of a column that is not there, or whose header says another."""
-    header, where = file.table.header, f"{file.table.file}, units"
+    """Raise RecordError for a unit of a column that is not there, or of one that says another itself, in its header or under it."""
+    table, where = file.table, f"{file.table.file}, units"
     columns = {choice.column for choice in file.choices.values()}
     for name, unit in units.items():
-        cells = [cell for cell in header if split_header(cell)[0] == name or cell == name or suffix_unit(cell, name) is not None]
-        if not cells and name not in columns:
-            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, [split_header(cell)[0] for cell in header if cell]))
-        for cell in cells if not any(split_header(cell)[0] == name or cell == name for cell in cells) else ():
-            raise RecordError(f"column {cell!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
-        said = next((told for cell in cells if split_header(cell)[0] == name and (told := split_header(cell)[1])), unit)
-        if said != unit:
-            raise RecordError(f"column {name!r} is in {said}, as its header says, not in {unit}", where=where, remedy="leave one of the two out")
+        said = {cell: split_header(cell)[1] or (table.units[i] if table.units else "") for i, cell in enumerate(table.header) if _called(cell, name)}
+        suffixed = [cell for cell in table.header if suffix_unit(cell, name) is not None]
+        if not said and suffixed:
+            raise RecordError(f"column {suffixed[0]!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
+        if not said and name not in columns:
+            names = [split_header(cell)[0] for cell in table.header if cell]
+            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, names))
+        for told in (told for told in said.values() if told and told != unit):
+            what = f"column {name!r} is in {told}, as it says itself, not in {unit}"
+            raise RecordError(what, where=where, remedy="leave one of the two out")
+
+
+def _called(cell: str, name: str) -> bool:
+    return name in (cell, split_header(cell)[0])
 
 
 def _found(file: RecordFile, name: str) -> Found | None:
     try:
-        return find_column(name, file.table.header, file.table.file, file.choices, file.sidecar.units, under=file.table.units)
+        return column_of(file, name)
     except RecordError:
         return None
 

@@ -16,9 +16,8 @@ from scenarios.api.records.in_memory import columns_of_record, file_of_columns
 from scenarios.api.shown import html
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice, read_channel_map
-from scenarios.files.measured.columns import find_column, missing_column
 from scenarios.files.measured.record_file import RecordFile, read_record_file
-from scenarios.files.records import window_of
+from scenarios.files.records import column_of, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
 from sim.record import Hold
@@ -51,7 +50,7 @@ class Record:
     @property
     def name(self) -> str:
         """What messages call it."""
-        return self.file.path.name
+        return self.file.identity.name
 
     @property
     def hold(self) -> str:
@@ -106,14 +105,22 @@ class Record:
         return f"<Record {self.name}: {len(self)} samples of {shown}>"
 
     def _repr_html_(self) -> str:
-        span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
-        rows = []
-        for name in self.names:
-            values = self[name]
-            known = values[np.isfinite(values)]
-            ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
-            rows.append([name, self.units[name], *ends, str(values.size - known.size)])
+        try:
+            span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
+        except RecordError as error:
+            span = str(error)
+        rows = [[name, self.units[name], *self._span_of(name)] for name in self.names]
         return html.page(f"{self.name}: {span}", html.table(("channel", "unit", "least", "most", "missing"), rows, left=2))
+
+    def _span_of(self, name: str) -> list[str]:
+        """The least and the greatest value and how many are missing; of a faulty column what is wrong."""
+        try:
+            values = self[name]
+        except RecordError as error:
+            return [str(error), "", ""]
+        known = values[np.isfinite(values)]
+        ends = [f"{known.min():.4g}", f"{known.max():.4g}"] if known.size else ["-", "-"]
+        return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
         """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None leaves that end open.
@@ -204,8 +211,7 @@ def read_record(
         file = file_of_columns(content, name or told.name, known, held)
     file = replace(file, choices=_choices(channels, units or {}))
     refuse_units(units or {}, file)
-    if find_column(TIME, file.table.header, file.table.file, file.choices, file.sidecar.units, under=file.table.units) is None:
-        raise missing_column(TIME, file.table.header, file.table.file)
+    column_of(file, TIME)
     return Record(file, tuple(inputs) if inputs is not None else told.inputs)
 
 
