@@ -20,14 +20,18 @@ from scenarios.plots.style import LABEL_SIZE, LIGHT, MEASURED, TRUE, finish, mak
 from sim.record import Record
 
 
-def draw_identification(found: Identification, measured: Record, folder: Path) -> None:
-    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded."""
+def draw_identification(found: Identification, measured: Record, folder: Path, sensor_noise: Mapping[str, float] | None = None) -> None:
+    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded.
+
+    ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
+    """
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
     save_figure(figure_record(measured, title), folder, "record")
     response = response_of(estimate)
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    save_figure(figure_fit(found.record, [response], None, title, noise), folder, "fit")
-    draw_other_records(found, noise, folder)
+    sensors = {**noise, **(sensor_noise or {})}
+    save_figure(figure_fit(found.record, [response], None, title, sensors), folder, "fit")
+    draw_other_records(found, sensors, folder)
     if found.band is not None and found.fits[0].figures is not None:
         save_figure(figure_spectra(found.fits[0], noise, found.band, title), folder, "spectra")
     if estimate.history is not None:

@@ -35,6 +35,7 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
     """
     taken: dict[int, tuple[str, Column]] = {}
+    under = file.table.units or ("",) * len(file.table.header)
     for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
         found, unit = _found(file, name), CHANNEL_UNITS[name]
         if found is not None and found.index not in taken:
@@ -44,12 +45,11 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
         choice = file.choices[name]
         for index, cell in enumerate(file.table.header):
             if choice.column in (cell, split_header(cell)[0]):
-                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or "1", cell, partial(_raw, file, index)))
+                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or under[index] or "1", cell, partial(_raw, file, index)))
     for index, cell in enumerate(file.table.header):
         if index not in taken and cell and _numeric(file, index):
             name, unit_told = split_header(cell)
-            under = file.table.units[index] if file.table.units else ""
-            told = unit_told or under or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
+            told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
             taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
     return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
 

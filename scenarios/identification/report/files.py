@@ -17,7 +17,7 @@ from scenarios.identification.assessment.content import constraints_content, fit
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
 from scenarios.identification.keeping import kept_identification
-from scenarios.identification.noise import estimated_noise
+from scenarios.identification.report.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept
 from scenarios.preparation.record_words import record_content
@@ -46,7 +46,7 @@ def write_identification(identified: Identified, out: Path, *, figures: bool = T
         if figures:
             from scenarios.identification.figures import draw_identification
 
-            draw_identification(found, measured[0], scratch)
+            draw_identification(found, measured[0], scratch, estimated_noise(found))
         write_json(scratch / MAIN, identification_content(found, identities(identified.files), identified.flown, identities(identified.validation)))
     return out
 
