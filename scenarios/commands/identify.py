@@ -21,6 +21,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.plots.formats import Formats
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -43,7 +44,7 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, 
     return Options(names, band, engine)
 
 
-def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:
+def identify_records(request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_files, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside
@@ -147,7 +148,7 @@ def _write(
     measured: Sequence[Record],
     files: tuple[Sequence[RecordFile], Sequence[RecordFile]],
     out: Path,
-    figures: bool,
+    figures: Formats,
 ) -> None:
     """The study; ``files`` are those of the fit and those that were predicted."""
     from scenarios.files.folders import study_folder
@@ -162,9 +163,10 @@ def _write(
         for file in (*files[0], *files[1]):
             _spare_inputs(scratch, out, file.path)
         if figures:
-            from scenarios.identification.figures import draw_identification
+            from scenarios.identification.figures import identification_figures
+            from scenarios.plots.files import save_figures
 
-            draw_identification(found, measured[0], scratch)
+            save_figures(identification_figures(found, measured[0]), scratch, figures)
         write_json(scratch / "comparison.json", identification_content(found, identities(files[0]), flown, identities(files[1])))
 
 

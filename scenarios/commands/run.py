@@ -13,6 +13,7 @@ from scenarios.commands.failures import named_after
 from scenarios.commands.jsbsim import simulate_jsbsim
 from scenarios.commands.planted import simulate_own, simulate_trace
 from scenarios.commands.standin import simulate_standin
+from scenarios.plots.formats import Formats
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -25,12 +26,12 @@ Progress = Callable[[str, float], None]
 class Write(Protocol):
     """Writes a study into a folder, whole or not at all."""
 
-    def __call__(self, study: Any, folder: Path, /, *, figures: bool) -> object: ...
+    def __call__(self, study: Any, folder: Path, /, *, figures: Formats) -> object: ...
 
 
 @dataclass(frozen=True)
 class Runner:
-    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
 
     ``page``: its folder holds a page to begin with. ``bar``: it takes long enough for a bar of progress, as all that make a page do.
     """
@@ -42,7 +43,7 @@ class Runner:
     bar: bool = False
 
 
-def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool, *, told: bool = True) -> None:
+def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats, *, told: bool = True) -> None:
     """Run scenarios one after the other; with several, each gets a folder of its own under ``out``, which is printed if ``told``."""
     from scenarios.studies.catalogue import scenario_kind
 
@@ -54,7 +55,7 @@ def run_scenarios(names: Sequence[str], seed: int | None, out: Path | None, chan
         _run(runner, name, seed, None if out is None else out if len(runners) == 1 else out / short, figures, told)
 
 
-def run_and_compare(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool) -> None:
+def run_and_compare(names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats) -> None:
     """Run scenarios as ``run_scenarios``, then put their study folders side by side; without ``out`` these are gone afterwards."""
     from tempfile import TemporaryDirectory
 
@@ -69,12 +70,12 @@ def run_and_compare(names: Sequence[str], seed: int | None, out: Path | None, ch
         compare_studies([str(out / short) for short in shorts], out, False, figures)
         return
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        run_scenarios(names, seed, Path(scratch), changes, False, told=False)
+        run_scenarios(names, seed, Path(scratch), changes, (), told=False)
         print()
-        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, False)
+        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
 
 
-def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: bool, told: bool) -> None:
+def _run(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: Formats, told: bool) -> None:
     """Run, write where a folder is named, print, and say where it was written if ``told``."""
     from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar

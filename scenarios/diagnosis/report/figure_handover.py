@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.pictured import Pictured, Replicated
 from sim.record import Channel, Hold, Record
 
 
-def packed(pictured: Pictured, folder: Path) -> bytes:
+def packed(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> bytes:
     """Everything the figures need as one line of JSON, in which arrays are numbers, and the arrays behind it."""
     arrays: list[np.ndarray] = []
 
@@ -31,6 +32,7 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
 
     head = {
         "folder": str(folder),
+        "formats": formats,
         "fitted": [[record(f.record), f.channels, kept(f.before), kept(f.after), kept(f.used)] for f in pictured.fitted],
         "predictions": [[record(p.record), p.channels, kept(p.before), kept(p.after)] for p in pictured.predictions],
         "candidates": [[c.round, c.within, c.name, c.gain, c.p_value, c.fitted, c.plausible] for c in pictured.candidates],
@@ -48,7 +50,7 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
     return stream.getvalue()
 
 
-def unpacked(content: bytes) -> tuple[Pictured, Path]:
+def unpacked(content: bytes) -> tuple[Pictured, Path, Formats]:
     """What ``packed`` was given."""
     stream = io.BytesIO(content)
     head = json.loads(stream.readline())
@@ -76,7 +78,7 @@ def unpacked(content: bytes) -> tuple[Pictured, Path]:
             for name, records, by_record, together in head["replicated"]
         ),
     )
-    return pictured, Path(head["folder"])
+    return pictured, Path(head["folder"]), tuple(head["formats"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

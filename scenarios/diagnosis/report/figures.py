@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.pictured import Pictured
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
@@ -27,12 +28,11 @@ DECLARED_CAPTIONS = {
 }  # where no effect stands beside it
 
 
-def draw_diagnosis(pictured: Pictured, folder: Path, part: slice = slice(None)) -> None:
-    """Draw all figures, or a part of them, into ``folder`` as PNG files."""
-    from scenarios.plots.files import save_figure
+def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL, part: slice = slice(None)) -> None:
+    """Draw all figures, or a part of them, into ``folder``."""
+    from scenarios.plots.files import save_figures
 
-    for stem, make in figures_of(pictured)[part]:
-        save_figure(make(), folder, stem)
+    save_figures(figures_of(pictured)[part], folder, formats)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:

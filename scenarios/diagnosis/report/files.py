@@ -21,23 +21,24 @@ from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.plots.formats import PNG, USUAL, Formats
 from scenarios.plots.pictured import Pictured, Replicated
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 
 
-def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = True, process: Process | None = None) -> Path:
+def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: Formats = USUAL, process: Process | None = None) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, figures as PNG, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
+    ``evidence.csv``, figures in the formats ``figures``, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
     """
     from scenarios.diagnosis.report.page import diagnosis_page, report_template
 
     d = tracing.diagnosis
     with study_folder(folder, MAIN) as scratch:
-        with drawing(pictured(tracing), scratch, process) if figures else nullcontext():
+        with drawing(pictured(tracing), scratch, process, (*figures, *(() if PNG in figures else (PNG,)))) if figures else nullcontext():
             for number, prediction in enumerate(d.predictions):
                 write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
             for number, fitted in enumerate(d.fitted):
@@ -46,6 +47,8 @@ def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = Tru
             content = diagnosis_content(tracing, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
             template = report_template()
         (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
+        for shown in scratch.glob("*.png") if PNG not in figures else ():
+            shown.unlink()  # drawn for the page alone
         write_json(scratch / MAIN, content)
     return Path(folder)
 

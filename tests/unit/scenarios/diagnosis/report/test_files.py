@@ -114,9 +114,9 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
 
 
 def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
-    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=())
     (tmp_path / "notes.txt").write_text("mine")
-    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=())
     names = {entry.name for entry in tmp_path.iterdir()}
     assert names == {"diagnosis.json", "validate_prediction.csv", "residuals.csv", "evidence.csv", "report.html", "notes.txt"}
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
