@@ -72,5 +72,5 @@ def test_the_same_record_by_another_path_is_refused(tmp_path: Path) -> None:
 
 def test_every_model_of_a_vehicle_file_has_a_schema_and_is_named_in_the_help() -> None:
     assert set(MODELS) == set(SCHEMAS)
-    text = (REPOSITORY / "scenarios" / "cli.py").read_text(encoding="utf-8")
+    text = (REPOSITORY / "scenarios" / "cli" / "options.py").read_text(encoding="utf-8")
     assert f'help="{", ".join(MODELS)}, or FILE.py with a model of your own."' in text

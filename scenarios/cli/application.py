@@ -1,0 +1,51 @@
+"""The application: its commands in the order and the groups in which the help lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+import typer
+
+from scenarios.cli.declared.campaign import campaign
+from scenarios.cli.declared.check import check
+from scenarios.cli.declared.compare import compare
+from scenarios.cli.declared.diagnose import diagnose
+from scenarios.cli.declared.identify import identify
+from scenarios.cli.declared.libraries import effects, list_, models, vehicles
+from scenarios.cli.declared.run import run
+from scenarios.cli.declared.simulate import simulate
+from scenarios.cli.declared.watch import watch
+from scenarios.cli.helping import GroupedCommands
+
+# The commands by group: a further one is a file in `declared` and its name here.
+COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
+    "Studies": (run, compare, simulate, campaign),
+    "Measured data": (identify, diagnose, check, watch),
+    "Libraries": (list_, models, vehicles, effects),
+}
+
+
+def options(debug: Annotated[bool, typer.Option("--debug", help="Show a traceback when something fails.")] = False) -> None:
+    """Simulate a flight vehicle, identify it from its record, and trace what the model lacks."""
+
+
+def _application() -> typer.Typer:
+    app = typer.Typer(
+        name="flightid",
+        help="Simulate a flight vehicle, identify it from its record, and trace what the model lacks.",
+        cls=GroupedCommands,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(options)
+    for group, functions in COMMANDS.items():
+        for function in functions:
+            app.command(function.__name__.rstrip("_"), rich_help_panel=group)(function)
+    return app
+
+
+app = _application()

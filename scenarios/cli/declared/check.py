@@ -1,0 +1,27 @@
+"""`flightid check`."""
+
+from __future__ import annotations
+
+from scenarios.cli.options import Channels, Figures, From, Held, Lowpass, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.preparation.plan import plan_of
+from scenarios.preparation.request import Request
+
+
+def check(
+    records: Records,
+    vehicle: VehicleBeside = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
+    trust: Trust = False,
+    out: Out = None,
+    figures: Figures = True,
+) -> None:
+    """Data compatibility: what the kinematics alone say of the sensors."""
+    from scenarios.commands.check import check_records
+
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)

@@ -1,0 +1,22 @@
+"""`flightid compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenarios.cli.options import Figures
+
+
+def compare(
+    studies: Annotated[list[str], typer.Argument(metavar="STUDY...", help="Study folders; FOLDER:METHOD is a further method of one.")],
+    every: Annotated[bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
+    figures: Figures = True,
+) -> None:
+    """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
+    from scenarios.commands.compare import compare_studies
+
+    compare_studies(studies, out, every, figures)

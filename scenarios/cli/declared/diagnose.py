@@ -1,0 +1,42 @@
+"""`flightid diagnose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.preparation.plan import plan_of
+from scenarios.preparation.request import Request
+
+
+def diagnose(
+    records: Records,
+    model: Model,
+    vehicle: VehicleBeside = None,
+    validate: Annotated[
+        list[Path] | None,
+        typer.Option("--validate", metavar="RECORD...", help="Predict these records; else the last of several, or the last part of one."),
+    ] = None,
+    effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="Python file with effects of your own; it is run.")] = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
+    trust: Trust = False,
+    effort: Annotated[str, typer.Option("--effort", metavar="E", help="How far the search looks: normal, thorough.")] = "normal",
+    aircraft_class: Class = None,
+    category: Category = None,
+    out: Out = None,
+    figures: Figures = True,
+) -> None:
+    """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
+    from scenarios.commands.diagnose import diagnose_records
+
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
+    diagnose_records(request, out, figures)

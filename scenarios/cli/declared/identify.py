@@ -1,0 +1,56 @@
+"""`flightid identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.preparation.plan import plan_of
+from scenarios.preparation.request import Request
+
+
+def identify(
+    records: Records,
+    model: Model,
+    vehicle: VehicleBeside = None,
+    channels: Channels = None,
+    start: From = None,
+    stop: To = None,
+    hold: Held = None,
+    rate: Rate = None,
+    lowpass: Lowpass = None,
+    trust: Trust = False,
+    method: Annotated[
+        str, typer.Option("--method", metavar="METHOD", help="output-error, filter-error, frequency-domain, equation-error, ekf, ukf.")
+    ] = "output-error",
+    validate: Annotated[
+        list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
+    ] = None,
+    profile: Annotated[
+        list[str] | None, typer.Option("--profile", metavar="NAME...", help="Profile-likelihood intervals of these parameters; all: of every one.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option("--band", metavar="LOW HIGH", help="Hz, for frequency-domain; else from the inputs' power.")
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option("--engine", metavar="ENGINE", help="Who runs the filters of loes by ekf: batched (usual) or filterpy, one by one.")
+    ] = None,
+    aircraft_class: Class = None,
+    category: Category = None,
+    matrices: Annotated[
+        Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
+    ] = None,
+    out: Out = None,
+    figures: Figures = True,
+) -> None:
+    """Parameters of a model from measured records."""
+    from scenarios.commands.identify import identify_records, options_of
+
+    plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
+    request = Request(
+        tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
+    )
+    identify_records(request, method, out, figures, options_of(profile, band, engine), matrices)

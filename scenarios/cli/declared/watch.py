@@ -1,0 +1,31 @@
+"""`flightid watch`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scenarios.cli.options import Channels, Out
+
+
+def watch(
+    record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", help="loes.")],
+    vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
+    ] = None,
+    channels: Channels = None,
+    out: Out = None,
+    idle: Annotated[
+        float | None, typer.Option("--idle", min=0.0, metavar="S", help="End after so many seconds without a row; a file: 5, a pipe: never.")
+    ] = None,
+    until_end: Annotated[bool, typer.Option("--until-end", help="Do not wait for the file to grow.")] = False,
+    refine: Annotated[bool, typer.Option(help="Refine the estimate over all rows when the stream has ended.")] = True,
+) -> None:
+    """Identification of a stream: rows as they arrive, estimates against a reference."""
+    from scenarios.commands.watch import watch_stream
+
+    watch_stream(record, model, vehicle, reference, channels, out, idle, until_end, refine)

@@ -1,0 +1,22 @@
+"""Pages of help: commands by group, examples as they are typed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperGroup
+
+
+class GroupedCommands(TyperGroup):
+    """Lists the commands under the headings of their groups (the command-line library asks for a class here)."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write one section a group, in the order in which the commands were declared."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        width = formatter.width - 6 - max(map(len, self.commands))
+        for name, command in self.commands.items():
+            panel = getattr(command, "rich_help_panel", None)
+            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append((name, command.get_short_help_str(width)))
+        for group, rows in groups.items():
+            with formatter.section(group):
+                formatter.write_dl(rows)

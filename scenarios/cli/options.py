@@ -1,0 +1,48 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
+Changes = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50.")]
+From = Annotated[
+    list[float] | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s; with --to again for each maneuver.")
+]
+To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
+Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs between samples: previous or linear; else as the data say.")]
+Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
+Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
+Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
+Model = Annotated[
+    str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible, loes, lateral, longitudinal, or FILE.py with a model of your own.")
+]
+Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
+VehicleBeside = Annotated[
+    Path | None,
+    typer.Option(
+        "--vehicle",
+        metavar="V.toml",
+        help="Constants and starting values; else vehicle.toml beside the first record, if any.",
+    ),
+]
+Scenario = Annotated[str | None, typer.Argument(metavar="NAME", help="A scenario; none beside --model.")]
+OwnModel = Annotated[str | None, typer.Option("--model", metavar="FILE.py", help="A model of your own flies instead of a scenario; its file is run.")]
+TrueValues = Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="With --model: true values; else those of its file.")]
+Inputs = Annotated[
+    list[str] | None,
+    typer.Option("--input", metavar="NAME=KIND,KEY=VALUE,...", help="With --model, again for each maneuver; else a doublet on each input."),
+]
+Noise = Annotated[
+    list[str] | None, typer.Option("--noise", metavar="OUTPUT=SIZE", help="With --model: standard deviation; else 1 % of its largest move.")
+]
+Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help="With --model: length of the record, s.")]
+SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
+Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
+Class = Annotated[str | None, typer.Option("--class", metavar="I..IV", help="Class of the aircraft, for levels of flying qualities; II-C: carrier.")]
+Category = Annotated[str | None, typer.Option("--category", metavar="A|B|C", help="Category of the flight phase: A rapid, B gradual, C terminal.")]
+Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
