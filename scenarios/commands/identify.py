@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, identities
+from scenarios.files.measured.record_file import RecordFile, all_simulated, identities
 from scenarios.files.own_models import channel_units
 from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
@@ -21,6 +21,7 @@ from scenarios.identification.identify import identify
 from scenarios.identification.input_reading import opposite, other_reading, reading_content, reading_rows
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import Formats
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines
@@ -156,19 +157,21 @@ def _write(
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
 
+    made = all_simulated([*files[0], *files[1]])
     with study_folder(out, "comparison.json") as scratch:
         for fit in found.fits[:1]:
             simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
             write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)
         for number, record in enumerate(measured, start=1):
-            write_record(scratch, record, "record" if number == 1 else f"record_{number}")
+            write_record(scratch, record, "record" if number == 1 else f"record_{number}", simulated=made)
         for file in (*files[0], *files[1]):
             _spare_inputs(scratch, out, file.path)
         if figures:
             from scenarios.identification.figures import identification_figures
             from scenarios.plots.files import save_figures
 
-            save_figures(identification_figures(found, measured[0]), scratch, figures)
+            data = SIMULATED_DATA if made else MEASURED_DATA
+            save_figures(identification_figures(found, measured[0], data), scratch, figures)
         write_json(scratch / "comparison.json", identification_content(found, identities(files[0]), flown, identities(files[1])))
 
 

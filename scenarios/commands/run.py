@@ -188,7 +188,7 @@ def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequen
             return
         record = _record(what, seed, changes)
         out.parent.mkdir(parents=True, exist_ok=True)
-        write_record(out.parent, record, out.stem)
+        write_record(out.parent, record, out.stem, simulated=True)
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
 

@@ -25,7 +25,7 @@ def write_check(check: Check, folder: str | Path, *, figures: Formats = USUAL) -
             from scenarios.compatibility.figures import check_figures
             from scenarios.plots.files import save_figures
 
-            save_figures(check_figures(check.result), scratch, figures)
+            save_figures(check_figures(check.result, check.simulated), scratch, figures)
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)
 

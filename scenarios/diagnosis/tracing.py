@@ -41,6 +41,7 @@ class Tracing:
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
     ``effort``: how far the search looked. ``flown``: by which class and category levels of flying qualities are told.
+    ``simulated``: whether a program made all records, as the JSON beside them says.
     """
 
     diagnosis: Diagnosis
@@ -59,6 +60,7 @@ class Tracing:
     overflows: int = 0
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)
+    simulated: bool = False
 
     @property
     def stick_unit(self) -> str:

@@ -9,7 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import FilterHistory
-from scenarios.plots.display import KILOMETRES, METRES_PER_SECOND, POUNDS_PER_SQUARE_FOOT, DisplayUnit, plain, signed, symbol
+from scenarios.plots.display import (
+    KILOMETRES,
+    MEASURED_DATA,
+    METRES_PER_SECOND,
+    POUNDS_PER_SQUARE_FOOT,
+    SIMULATED_DATA,
+    DisplayUnit,
+    plain,
+    signed,
+    symbol,
+)
 from scenarios.plots.histories import Course, course
 from scenarios.plots.style import (
     BLUE,
@@ -42,7 +52,12 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
     sheet = make_sheet([1.9, 1.9], (1.0, 1.0) if errors else (1.0,), row_gap=0.36, column_gap=0.8)
     altitude = record["altitude"]
     top = sheet.axes[0][0]
-    top.plot(record.time[altitude.valid], KILOMETRES.factor * altitude.values[altitude.valid], label="measured", **MEASURED)
+    top.plot(
+        record.time[altitude.valid],
+        KILOMETRES.factor * altitude.values[altitude.valid],
+        label=SIMULATED_DATA if truth is not None else MEASURED_DATA,
+        **MEASURED,
+    )
     metres = DisplayUnit("m")
     for row, (name, unit, fine) in enumerate((("altitude", KILOMETRES, metres), ("velocity", METRES_PER_SECOND, METRES_PER_SECOND))):
         panel = sheet.axes[row][0]

@@ -7,12 +7,13 @@ from matplotlib.figure import Figure
 
 from ident.compatibility.faults import UNITS
 from ident.compatibility.result import Reconstruction
-from scenarios.plots.display import axis_label, display_unit
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
 from scenarios.plots.style import BLUE, GREEN, MEASURED, TICK_SIZE, VERMILION, ZERO, finish, make_sheet, time_axis, y_label
 
 
-def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
-    """Each output measured (dots), integrated from the measured inputs and smoothed with the output itself, and below what each leaves.
+def figure_reconstruction(item: Reconstruction, title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """Each output as recorded (dots, called ``data``), integrated from the measured inputs and smoothed with the output itself,
+    and below what each leaves.
 
     What is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
     """
@@ -23,7 +24,7 @@ def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
         unit = display_unit(UNITS[name])
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
         measured, used = unit.factor * item.measured[name], item.used[name]
-        above.plot(item.time[used], measured[used], label="measured", **MEASURED)
+        above.plot(item.time[used], measured[used], label=data, **MEASURED)
         below.axhline(0.0, **ZERO)
         shown = [(item.recorded[name], VERMILION, "--", "integrated from the other channels")]
         if corrected:

@@ -36,6 +36,7 @@ ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_MOST = 8, 5  # numbers at an axis, along and up
 _BOLD = 1.1  # how much wider bold letters are
 
 
@@ -122,6 +123,7 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
         x = sheet.left
         for share, panel in zip(sheet.widths, row, strict=False):
             panel.set_position((x / WIDTH, y / height, share * scale / WIDTH, row_height / height))
+            _fewer_ticks(panel, share * scale, row_height)
             x += share * scale + sheet.column_gap
         y -= sheet.row_gap
     for row in sheet.axes:
@@ -203,7 +205,7 @@ def _dress(panel: Axes) -> None:
         spine.set_linewidth(0.6)
         spine.set_visible(side in ("left", "bottom"))
     panel.set_title("", loc="left", y=1.0)  # a title at a stated height: looking for a free one is half the cost of drawing
-    for axis, bins in ((panel.xaxis, 8), (panel.yaxis, 5)):
+    for axis, bins in ((panel.xaxis, _MOST[0]), (panel.yaxis, _MOST[1])):
         formatter = ScalarFormatter(useOffset=axis is panel.xaxis, useMathText=False)
         formatter.set_powerlimits((-3, 5))
         axis.set_major_formatter(formatter)
@@ -212,6 +214,14 @@ def _dress(panel: Axes) -> None:
     # A power of ten stands above the numbers, clear of the caption.
     panel.yaxis.get_offset_text().set_horizontalalignment("right")
     panel.yaxis.get_offset_text().set_x(-0.02)
+
+
+def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
+    """No more numbers at the axes than a panel of this size, in inches, has room for."""
+    for axis, most in ((panel.xaxis, max(3, min(_MOST[0], int(width / 0.5)))), (panel.yaxis, max(2, min(_MOST[1], int(height / 0.24))))):
+        locator = axis.get_major_locator()
+        if isinstance(locator, MaxNLocator):
+            locator.set_params(nbins=most)
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:

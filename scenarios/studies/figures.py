@@ -10,6 +10,7 @@ import numpy as np
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
 from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
@@ -29,12 +30,15 @@ def study_figures(study: Study) -> Iterator[Named]:
     """A scenario's figures: the stem of each file, and what draws it."""
     scenario, main = study.scenario, study.main
     title = scenario.title
-    yield "record", partial(figure_record, study.record, title)
+    yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     responses = [_response(method) for method in _told_apart(study)]
-    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std)
+    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
-            yield f"record_{method.estimation.name}", partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}")
+            yield (
+                f"record_{method.estimation.name}",
+                partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}", SIMULATED_DATA),
+            )
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(study, method, "" if method is main else f"_{method.estimation.name}")

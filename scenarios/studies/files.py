@@ -32,11 +32,11 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
     ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.record)
+        write_record(scratch, study.record, simulated=True)
         for method in study.methods:
             name = method.estimation.name
             if method.result.record is not study.record:
-                write_record(scratch, method.result.record, f"record_{name}")
+                write_record(scratch, method.result.record, f"record_{name}", simulated=True)
             suffix = "" if method is study.main else f"_{name}"
             estimate = method.result.estimate
             predicted = dict(zip(estimate.output_names, estimate.fitted[0], strict=True))

@@ -30,7 +30,7 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record)
+        write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)

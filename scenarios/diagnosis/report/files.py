@@ -21,8 +21,10 @@ from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import PNG, USUAL, Formats
 from scenarios.plots.tracing.pictured import Pictured, Replicated
+from scenarios.plots.tracing.reasons import Standing
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
@@ -57,8 +59,14 @@ def pictured(tracing: Tracing) -> Pictured:
     """The part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
-    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = Standing(
+        tuple(claim.name for claim in claimed),
+        tuple(name for claim in claimed for name in claim.alternatives),
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+    )
+    shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:

@@ -43,6 +43,11 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
     return tuple(file.identity for file in files)
 
 
+def all_simulated(files: Iterable[RecordFile]) -> bool:
+    """Whether a program made all of them, by what the JSON beside them says."""
+    return all(file.sidecar.simulated for file in files)
+
+
 def refuse_twice(paths: Sequence[Path], remedy: str = "name each record once") -> None:
     """Raise RecordError where two paths lead to the same file."""
     seen: set[Path] = set()

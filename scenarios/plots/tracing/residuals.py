@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ident.tracing.diagnosis import FittedRecord, Prediction
-from scenarios.plots.display import axis_label, display_unit, symbol
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit, symbol
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
     BLACK,
@@ -76,8 +76,8 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     return finish(sheet, title, head=0.24)
 
 
-def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "") -> Figure:
-    """The predicted record: measured, predicted with and without the effects, and below what each leaves; angles in degrees.
+def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """The predicted record: its samples, called ``data``, predicted with and without the effects, and below what each leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -85,7 +85,7 @@ def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: s
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
     shown = (("predicted", prediction.before),) if same else both
     responses = [Response(label, dict(zip(prediction.channels, values, strict=True))) for label, values in shown]
-    figure = figure_fit(prediction.record, responses, None, title, noise)
+    figure = figure_fit(prediction.record, responses, None, title, noise, data)
     for panel in figure.axes:
         _few_ticks(panel)
     return figure

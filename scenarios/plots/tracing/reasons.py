@@ -1,0 +1,80 @@
+"""Why a candidate was not chosen, in the few words that have room beside its bar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ident.tracing.diagnosis import Candidate
+from sim.declaration.traits import GUARD
+
+STANDS = "cross-validated"
+_LONGEST = 26  # characters
+# How an answer of the cross-validation begins, and what is shown of it.
+_ANSWERS = {
+    "cross-validated, but": "another does better",
+    STANDS: "cross-validated",
+    "it does not lower": "fails held out",
+    "the fall of the error": "fall within its scatter",
+    "the records give": "not replicated",
+    "of two records": "not replicated",
+    "with two records": "explains too little",
+    "its parameters are not": "not determined",
+    "its parameters are beyond": "implausible",
+    "a colour of the residual": "colour does as well",
+    "the kinematics": "kinematics against it",
+    "one-step predictions bring": "one-step predictions",
+}
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a verdict names: effects that it claims, what could stand in their place, and hints."""
+
+    claimed: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
+    hints: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """All of them."""
+        return (*self.claimed, *self.alternatives, *self.hints)
+
+
+def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str:
+    """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates of the same round."""
+    if c.name in standing.claimed:
+        return "claimed"
+    if c.name in standing.alternatives:
+        return "as good: not told apart"
+    if c.name in standing.hints:
+        return "hint only"
+    if not c.plausible:
+        return "implausible"
+    if c.name.startswith(GUARD):
+        return "no effect of the library"
+    if c.remark:
+        return answer(c.remark)
+    if standing.claimed and set(standing.claimed) <= set(c.within):
+        return "not needed"
+    winner = next((each for each in beside if each.name in standing.claimed), None)
+    return _against(c, winner, beside)
+
+
+def _against(c: Candidate, winner: Candidate | None, beside: Sequence[Candidate]) -> str:
+    if c.held_out_change is not None and c.held_out_change > 0.0:
+        return "fails held out"
+    if not c.fitted:
+        return "screened: brings less"
+    if winner is None:
+        return "brings less" if c.gain < max(each.gain for each in beside) else "not replicated"
+    if c.gain > winner.gain:
+        worse = None not in (c.held_out_change, winner.held_out_change) and (c.held_out_change or 0.0) > (winner.held_out_change or 0.0)
+        return "worse held out" if worse else "costs more parameters"
+    return "like the claimed, less" if winner.name in c.collinear_with else "brings less"
+
+
+def answer(remark: str) -> str:
+    """An answer of the cross-validation in few words."""
+    short = next((words for start, words in _ANSWERS.items() if remark.startswith(start)), remark.removeprefix("it "))
+    return short if len(short) <= _LONGEST else f"{short[: _LONGEST - 1].rsplit(' ', 1)[0]} …"
