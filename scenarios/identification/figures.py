@@ -76,8 +76,8 @@ def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[floa
         measured, simulated = (unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows)
         panel.axvspan(*band, color=LIGHT, alpha=0.5, linewidth=0, label="fitted")
         panel.plot(frequency, np.abs(measured), label=data, **{**MEASURED, "markersize": 5.0})
-        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0))
-        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1))
+        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0, alone=True))
+        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1, alone=True))
         if channel.name in noise:
             panel.axhline(unit.factor * noise[channel.name], label="noise level of the fit", **TRUE)
         panel.set_xscale("log")

@@ -88,7 +88,7 @@ def figure_fit(
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
         _dots(above, record, channel, unit.factor, data)
         if truth is not None and channel.name in truth.outputs:
-            above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=4, **TRUE)
+            above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=5, **TRUE)
         if noise_std is not None and channel.name in noise_std:
             band = 2.0 * unit.factor * noise_std[channel.name]
             below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the noise")
@@ -96,8 +96,8 @@ def figure_fit(
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:
                 continue
-            look, values = method_style(order), unit.factor * response.outputs[channel.name]
-            above.plot(record.time, values, label=plain(response.label), zorder=3, **look)
+            look, values = method_style(order, alone=len(responses) == 1 and truth is None), unit.factor * response.outputs[channel.name]
+            above.plot(record.time, values, label=plain(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(record.time, residual, linestyle="none", marker=".", markersize=2.5, markeredgewidth=0.0, color=look["color"])
         _keep_in_sight(above, below, unit.factor * channel.values[channel.valid])

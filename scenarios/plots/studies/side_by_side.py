@@ -148,10 +148,10 @@ def figure_studies_responses(studies: Sequence[StudyResponse], outputs: Sequence
         for number, each in enumerate(studies):
             look = method_style(number)
             if name in inputs:
-                panel.plot(each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **{**look, "linewidth": 0.9})
+                panel.plot(each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **look)
             elif name in each.measured:
                 panel.plot(each.time, unit.factor * each.measured[name], ".", color=look["color"], markersize=3.0, markeredgewidth=0.0, alpha=0.5)
-                panel.plot(each.time, unit.factor * each.predicted[name], label=plain(each.label), **{**look, "linewidth": 0.9})
+                panel.plot(each.time, unit.factor * each.predicted[name], label=plain(each.label), **look)
         y_label(panel, axis_label(name, unit))
     kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})
     sheet.panels[-1].plot([], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds))

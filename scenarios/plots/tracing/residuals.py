@@ -24,6 +24,7 @@ from scenarios.plots.style import (
     decades,
     finish,
     make_sheet,
+    method_style,
     time_axis,
     y_label,
 )
@@ -103,18 +104,19 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     for panel, (row, name) in zip(sheet.panels, shown, strict=True):
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
-        both = ((fitted.before[row], VERMILION, "--", "before"), (fitted.after[row], BLUE, "-", "after"))
-        alone = ((fitted.before[row], BLUE, "-", "residual"),)
-        for residual, colour, style, label in alone if np.array_equal(fitted.before, fitted.after) else both:
+        both = ((fitted.after[row], "after"), (fitted.before[row], "before"))
+        alone = ((fitted.before[row], "residual"),)
+        lines = alone if np.array_equal(fitted.before, fitted.after) else both
+        for order, (residual, label) in enumerate(lines):
             hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
-            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, color=colour, linestyle=style, linewidth=1.2, label=label)
+            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, label=label, **method_style(order, alone=len(lines) == 1))
         panel.set_yscale("log")
         panel.set_xscale("log")
         bottom, top = panel.get_ylim()
         panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
         decades(panel.xaxis, (1.0, 2.0, 5.0))
         decades(panel.yaxis)
-        y_label(panel, f"{symbol(name)} power / noise")
+        y_label(panel, f"{symbol(name)} power / noise (–)")
     sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     return finish(sheet, title, head=0.12)
 
