@@ -195,8 +195,10 @@ class Diagnosis:
     Attributes
     ----------
     before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
-    error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
+    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
         fitted, but took part in choosing effects.
+    noise_floor : sensor noise by channel: the level of the fit where its residual is white, else estimated from the residual's high
+        frequencies. residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
@@ -226,6 +228,7 @@ class Diagnosis:
     inflation: Mapping[str, float] = field(default_factory=dict)
     used_to_choose: bool = False
     stopped: bool = False
+    residual_std: Mapping[str, float] = field(default_factory=dict)
     modes_before: Characteristics | None = None
     modes_after: Characteristics | None = None
 

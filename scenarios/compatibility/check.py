@@ -102,12 +102,12 @@ def record_to_check(
     read = read_record(file, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold)
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
-    record = replace(read, inputs=inputs, outputs=outputs, name=named(file.path, segment, several=len(plan.segments) > 1))
+    record = replace(read, inputs=inputs, outputs=outputs, name=named(file.identity.name, segment, several=len(plan.segments) > 1))
     (record,), look = looked_at([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record) and not recorded(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
-        raise RecordError(what, where=file.path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
+        raise RecordError(what, where=file.identity.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
     record, of_filter = filtered(record, plan)
     return record, tuple(said for said in (of_speed, of_filter) if said), look
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from scenarios.diagnosis.candidates import read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, identities, read_record_files
+from scenarios.files.measured.record_file import RecordFile, identities, read_with_validation
 from scenarios.files.own_models import channel_units, is_model_file
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_beside
@@ -60,7 +60,7 @@ def opened_files(request: Request, vehicle: Path | None) -> Opened:
     declared = read_vehicle(vehicle, request.model)
     flown = flown_of(request, declared)
     choices = column_choices(request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS)
-    return Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate), flown)
+    return Opened(declared, choices, *read_with_validation(request.records, request.validate), flown)
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:

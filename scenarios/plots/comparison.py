@@ -166,7 +166,7 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
     for name, panel in zip(names, sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
         # A power of ten stands in the unit, not above the axis.
-        base = display_unit(of_name[0].unit)
+        base = display_unit(of_name[0].unit, name)
         unit = scaled_unit(base, base.factor * max(abs(value) for row in of_name for value in (row.rigid, row.condensed, row.estimate)))
         caption(panel, axis_label(name, unit), LABEL_SIZE)
         for row in of_name:

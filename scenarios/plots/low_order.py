@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ident.estimate import FilterHistory
-from scenarios.plots.display import DisplayUnit, axis_label, display_unit, plain, scaled_unit, symbol
+from scenarios.plots.display import axis_label, display_unit, plain, scaled_unit, symbol
 from scenarios.plots.histories import course
 from scenarios.plots.style import (
     BLACK,
@@ -73,10 +73,9 @@ def figure_side_by_side(
     rows = -(-len(names) // columns)
     sheet = make_sheet([1.3] * rows, (1.0,) * columns, count=len(names), share_x=False, row_gap=0.36, column_gap=0.5, left=0.55)
     for name, panel in zip(names, sheet.panels, strict=True):
-        base = display_unit(first[name].unit)
-        # A frequency stays in radians, as every table has it.
-        base = base if base.factor == 1.0 else DisplayUnit(first[name].unit)
-        unit = scaled_unit(base, max(abs(first[name].value), abs(second[name].value), first[name].std, second[name].std))
+        base = display_unit(first[name].unit, name)
+        largest = max(abs(first[name].value), abs(second[name].value), first[name].std, second[name].std)
+        unit = scaled_unit(base, base.factor * largest)
         caption(panel, axis_label(name, unit), LABEL_SIZE)
         for x, bar, colour, marker, label in ((0.0, first[name], BLUE, "o", first_label), (1.0, second[name], VERMILION, "s", second_label)):
             yerr = [2.0 * unit.factor * bar.std]

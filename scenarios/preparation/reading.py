@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -129,9 +128,9 @@ def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
     return [f"{', '.join(each)}: {text}" if each[0] else text for text, each in names.items()]
 
 
-def named(path: Path, segment: Segment, *, several: bool) -> str:
+def named(name: str, segment: Segment, *, several: bool) -> str:
     """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
-    return f"{path.name}[{segment.start:g}-{segment.stop:g} s]" if several else path.name
+    return f"{name}[{segment.start:g}-{segment.stop:g} s]" if several else name
 
 
 def _read(
@@ -144,7 +143,7 @@ def _read(
     instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
     record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead, known=units)
     # Named by their files: a sidecar's name may be the same for all of them.
-    return replace(record, name=named(file.path, segment, several=several)), file.sidecar.says_hold
+    return replace(record, name=named(file.identity.name, segment, several=several)), file.sidecar.says_hold
 
 
 def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:

@@ -12,6 +12,7 @@ from scenarios.diagnosis.report.declared_only import nothing_stands, shown_colum
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
+from scenarios.diagnosis.report.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
@@ -19,30 +20,32 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
-from scenarios.terminal.plain_tables import WIDTH, table, wrapped
-from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
+from scenarios.terminal.display_units import is_frequency, shown_in
+from scenarios.terminal.paragraphs import WIDTH, wrapped
+from scenarios.terminal.quantities import CHANNELS, value_text
+from scenarios.terminal.tables import columns_of, table_lines
 
 MOVED = 2.0  # sigmas
+WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
+    errors = error_rows(d, channel_units(tracing.model))
     blocks = [
         [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _shown_of(
-            d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *ERROR_HEADINGS), error_rows(d, channel_units(tracing.model)), width
-        ),
+        _shown_of(d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *error_headings(d)), errors, width),
         _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
         _level_lines(tracing, width),
-        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
-        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
+        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1),
+        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, keys=2),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
         wrapped(effort_sentence(tracing.effort, d), width),
@@ -50,7 +53,6 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-ERROR_HEADINGS = ("unit", "before", "after", "noise floor")
 DERIVED_HEADINGS = ("unit", "before", "after", "moved by")
 WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
@@ -128,13 +130,20 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
 
 
+def error_headings(d: Diagnosis) -> tuple[str, ...]:
+    """Headings of ``error_rows`` behind the channel."""
+    return ("unit", "before", "after", *noise_headings(d))
+
+
 def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[tuple[str, ...]]:
-    """Channel, unit, error before and after, noise floor; angles and their rates in degrees."""
+    """Channel, unit, error before and after, what the fit leaves where it is not the noise, and the noise; angles and their rates in degrees."""
     rows: list[tuple[str, ...]] = []
+    left = residual_levels(d)
     for channel, before in d.error_before.rmse.items():
-        after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
-        factor, unit = _shown(channel, units)
-        rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
+        factor, unit = shown_in(units.get(channel, ""), channel)
+        noise = (*([left.get(channel, math.nan)] if is_coloured(d) else []), d.noise_floor.get(channel, math.nan))
+        shown = (before, d.error_after.rmse.get(channel, math.nan), *noise)
+        rows.append((channel, unit, *(_short(factor * value) for value in shown)))
     return rows
 
 
@@ -209,17 +218,17 @@ def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence
 
 
 def _titled(
-    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, spare: Sequence[str] = ()
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, keys: int = 1
 ) -> list[str]:
     """A table under its title and a note on it, both folded."""
-    lines = table(headings, rows, left=left, width=width, spare=spare)
+    lines = table_lines(columns_of(headings, rows, left, WORDS), width=width, keys=keys)
     return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
 
 
 def _level_lines(tracing: Tracing, width: int) -> list[str]:
     d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
     rows = shown_rows(d, headings, level_rows(tracing))
-    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings), spare=headings[-1:])
+    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings))
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:
@@ -255,10 +264,10 @@ def _error_phrase(tracing: Tracing) -> str:
     if not channels:
         return ""
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
-    factor, unit = _shown(fell, channel_units(tracing.model))
+    factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
-    tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
+    tail = f", {noise_word(d, fell)} {_short(factor * floors[fell])}" if fell in floors else ""
     word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
     return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
@@ -267,12 +276,6 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
-
-
-def _shown(channel: str, units: Mapping[str, str]) -> tuple[float, str]:
-    """What turns a channel's numbers into those that people read, and their unit."""
-    unit = units.get(channel, "")
-    return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 
 def _short(value: float) -> str:

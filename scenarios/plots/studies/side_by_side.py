@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, DisplayUnit, axis_label, display_unit, plain, scaled_unit, signed, symbol
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain, scaled_unit, signed, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -82,7 +82,7 @@ def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Seque
         title = "\n".join([title, *(f"{number}: {label}" for number, label in enumerate(labels, start=1))])
     for (name, row), panel in zip(rows.items(), sheet.panels, strict=True):
         sizes = [max(abs(each.estimate), *(abs(x) for x in (each.true, each.condensed) if x is not None), 0.0) for each in row if each is not None]
-        plain_unit = DisplayUnit("rad/s") if name.endswith("frequency") else display_unit(units[name])
+        plain_unit = display_unit(units[name], name)
         unit = scaled_unit(plain_unit, plain_unit.factor * max(sizes))
         label = axis_label(name, unit)
         caption(panel, label if "$" in label else label.replace("_", " "))

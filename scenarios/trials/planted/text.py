@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.terminal.display_units import NO_UNIT, shown_in, told
+from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.tables import Column, columns_of, table_lines
+from scenarios.trials.planted.hiding import hidden_units
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
+
+DERIVATIVES = ("derivative", "unit", "true", "before", "after", "error, sigmas")
+EFFECTS = ("effect", "unit", "true", "estimate", "error, sigmas")
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
@@ -16,11 +23,20 @@ def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
     blocks = [
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
         diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table(("derivative", "unit", "true", "before", "after", "error, sigmas"), _rows(study.derivatives), left=2, title=_title(study)),
-        table(("effect", "unit", "true", "estimate", "error, sigmas"), [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2),
-        [f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"],
+        table_lines(_against_truth(study), title=_title(study), width=width),
+        table_lines(columns_of(EFFECTS, [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2), width=width),
+        wrapped(f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}", width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _against_truth(study: TraceStudy) -> list[Column]:
+    """The derivatives before and after; of the declared model alone where no effect stands beside it."""
+    d, rows = study.tracing.diagnosis, _rows(study.derivatives)
+    if nothing_stands(d):
+        headings = (*shown_columns(d, DERIVATIVES[:-1]),)
+        return columns_of(headings, [row[:4] for row in rows], left=2)
+    return columns_of(DERIVATIVES, rows, left=2)
 
 
 def _title(study: TraceStudy) -> str:
@@ -30,21 +46,20 @@ def _title(study: TraceStudy) -> str:
 
 
 def _rows(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
-    return [
-        (
-            row.name,
-            row.unit if row.unit != "1" else "",
-            f"{row.true:.5g}",
-            value_text(row.before.value, row.before.std) if row.before else "-",
-            value_text(row.after.value, row.after.std),
-            f"{row.sigmas:+.1f}",
-        )
-        for row in scored
-    ]
+    out: list[tuple[str, ...]] = []
+    for row in scored:
+        factor, unit = shown_in(row.unit, row.name)
+        before, after = (value_text(factor * q.value, factor * q.std) if q else "-" for q in (row.before, row.after))
+        out.append((row.name, unit if unit not in NO_UNIT else "", f"{factor * row.true:.5g}", before, after, f"{row.sigmas:+.1f}"))
+    return out
 
 
 def _hidden(study: TraceStudy) -> str:
-    terms = [f"{name} ({', '.join(f'{key} {value:g}' for key, value in values.items())})" for name, values in study.flown.hidden.items()]
+    flight, terms = study.scenario.flight, []
+    for name, values in study.flown.hidden.items():
+        units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
+        said = ", ".join(f"{key} {told(value, units.get(key, ''), key)}" for key, value in values.items())
+        terms.append(f"{name} ({said})")
     if study.scenario.flight.modes and study.scenario.model == "rigid":
         terms.insert(0, f"{study.scenario.flight.modes} elastic mode{'s' if study.scenario.flight.modes > 1 else ''}")
     return f"hidden was {' and '.join(terms)}" if terms else "nothing was hidden"

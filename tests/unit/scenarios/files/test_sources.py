@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.measured.record_file import read_record_file, refuse_twice
+from scenarios.files.measured.record_file import read_record_file, read_with_validation, refuse_twice
 from scenarios.files.records import read_record
 from scenarios.files.sources import read_source
 from scenarios.files.vehicles import MODELS, read_any_vehicle, read_vehicle
@@ -39,6 +39,22 @@ def test_a_pipe_is_read_and_hashed_though_it_can_be_read_once_only(tmp_path: Pat
     file = read_record_file(pipe)
     writer.join()
     assert file.identity.sha256 == hashlib.sha256(FIRST).hexdigest() and len(read_record(file, (), ["q"])) == 2
+
+
+def test_records_with_equal_names_are_told_apart_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
+    paths = [
+        tmp_path / place for place in ("a/flight1/record.csv", "a/flight2/record.csv", "b/flight1/other.csv", "b/flight2/record.csv", "lone.csv")
+    ]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(FIRST)
+
+    def names(fitted: list[Path], predicted: list[Path]) -> list[str]:
+        return [file.identity.name for files in read_with_validation(fitted, predicted) for file in files]
+
+    assert names(paths[:1], paths[1:3]) == ["flight1/record.csv", "flight2/record.csv", "other.csv"]
+    assert names([paths[0], paths[1]], [paths[3]]) == ["a/flight1/record.csv", "a/flight2/record.csv", "b/flight2/record.csv"]
+    assert names(paths[:1], paths[4:]) == ["record.csv", "c.csv"]
 
 
 def test_a_vehicle_file_carries_the_hash_of_what_was_read_and_equals_another_that_says_the_same(tmp_path: Path) -> None:
