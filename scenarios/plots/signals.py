@@ -91,7 +91,7 @@ def figure_fit(
             above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=5, **TRUE)
         if noise_std is not None and channel.name in noise_std:
             band = 2.0 * unit.factor * noise_std[channel.name]
-            below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the noise")
+            below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the sensor noise")
         below.axhline(0.0, **ZERO)
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:

@@ -74,7 +74,7 @@ def unpacked(content: bytes) -> tuple[Pictured, Path, Formats]:
         _read_quantities(head["before"]),
         _read_quantities(head["after"]),
         head["noise"],
-        Standing(**{name: tuple(names) for name, names in head["standing"].items()}),
+        _read_standing(head["standing"]),
         head["kind"],
         tuple(
             Replicated(name, tuple(records), tuple(_read_quantities(each) for each in by_record), _read_quantities(together))
@@ -93,6 +93,10 @@ def _candidate(c: Candidate) -> list[Any]:
 def _read_candidate(some: list[Any]) -> Candidate:
     number, within, name, gain, p_value, fitted, plausible, change, like, remark, scatter = some
     return Candidate(number, tuple(within), name, gain, p_value, fitted, plausible, {}, change, tuple(like), remark, scatter)
+
+
+def _read_standing(some: Mapping[str, Any]) -> Standing:
+    return Standing(tuple(some["claimed"]), tuple(some["alternatives"]), tuple(some["hints"]), some["nothing_missing"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

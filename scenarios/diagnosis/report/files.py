@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.evidence import record_labels
@@ -64,6 +64,7 @@ def pictured(tracing: Tracing) -> Pictured:
         tuple(claim.name for claim in claimed),
         tuple(name for claim in claimed for name in claim.alternatives),
         tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict is Verdict.CONSISTENT,
     )
     shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
     return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)

@@ -92,7 +92,7 @@ def _rounds(candidates: Sequence[Candidate], standing: Standing) -> list[_Round]
     most = ROWS.get(len(kept), 6)
 
     def rows(within: tuple[str, ...]) -> int:
-        return SPARE if standing.claimed and set(standing.claimed) <= set(within) else most
+        return SPARE if standing.complete(within) else most
 
     return [_round([c for c in candidates if c.within == within], standing, rows(within)) for _, within in kept]
 
@@ -164,7 +164,7 @@ def _draw_held_out(panel: Axes, each: _Round, standing: Standing) -> None:
 def _head(panel: Axes, each: _Round, standing: Standing, x: float) -> None:
     """What the round began from, above the names, and below them how many others there are."""
     beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
-    done = "; nothing more was needed" if standing.claimed and set(standing.claimed) <= set(each.within) else ""
+    done = "; nothing more was needed" if standing.complete(each.within) and each.within else "; nothing was needed" if standing.complete(()) else ""
     panel.set_title(plain(f"round {each.number}, {beside}{done}"), fontsize=TICK_SIZE, loc="left", x=x, pad=4.5, y=1.0)
     if each.others:
         panel.annotate(f"{each.others} others below", (0.0, -1.0), **{**_at(-0.06), "xycoords": ("axes fraction", "data")}, va="center", color=GREY)

@@ -29,16 +29,21 @@ _ANSWERS = {
 
 @dataclass(frozen=True)
 class Standing:
-    """What a verdict names: effects that it claims, what could stand in their place, and hints."""
+    """What a verdict names: effects that it claims, what could stand in their place, and hints; or that ``nothing_missing`` is."""
 
     claimed: tuple[str, ...] = ()
     alternatives: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
+    nothing_missing: bool = False
 
     @property
     def named(self) -> tuple[str, ...]:
         """All of them."""
         return (*self.claimed, *self.alternatives, *self.hints)
+
+    def complete(self, within: tuple[str, ...]) -> bool:
+        """Whether a model with these effects needed nothing more."""
+        return set(self.claimed) <= set(within) if self.claimed else self.nothing_missing
 
 
 def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str:
@@ -49,14 +54,14 @@ def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str
         return "as good: not told apart"
     if c.name in standing.hints:
         return "hint only"
+    if standing.complete(c.within) and not c.remark:
+        return "not needed"
     if not c.plausible:
         return "implausible"
     if c.name.startswith(GUARD):
         return "no effect of the library"
     if c.remark:
         return answer(c.remark)
-    if standing.claimed and set(standing.claimed) <= set(c.within):
-        return "not needed"
     winner = next((each for each in beside if each.name in standing.claimed), None)
     return _against(c, winner, beside)
 

@@ -29,7 +29,7 @@ from scenarios.plots.style import (
     y_label,
 )
 
-_BAND = "±2σ of the noise"
+_BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
@@ -66,7 +66,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                 panel.plot(fitted.record.time[aside], values[aside], color=VERMILION, label="set aside", **ring)
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
             rms = float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2))) if np.any(valid & fitted.used[row]) else 0.0
-            caption(panel, f"{when}: rms {rms:.3g} {unit.text}")
+            caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
         for panel in line:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
         for panel in line[1:]:
@@ -100,14 +100,15 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     """
     shown = _measured(fitted)
     sheet = make_sheet([1.25] * len(shown), row_gap=0.3)
+    same = _same(fitted, [row for row, _ in shown])
     interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
     for panel, (row, name) in zip(sheet.panels, shown, strict=True):
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
-        both = ((fitted.after[row], "after"), (fitted.before[row], "before"))
-        alone = ((fitted.before[row], "residual"),)
-        lines = alone if np.array_equal(fitted.before, fitted.after) else both
-        for order, (residual, label) in enumerate(lines):
+        both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
+        alone = ((fitted.after[row], "residual", 0),)
+        lines = alone if same else both
+        for residual, label, order in lines:
             hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
             panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, label=label, **method_style(order, alone=len(lines) == 1))
         panel.set_yscale("log")
