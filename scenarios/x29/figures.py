@@ -72,7 +72,7 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
         yield "variants", partial(figure_peaks, rows, "final peak of q, free simulation against the record (%)", title)
     elif study.variants:
         stretch = study.scenario.stretch is not None
-        words = "rms of q in the stretch over σ" if stretch else "lag-1 correlation of pitch-rate innovations"
+        words = "rms of q in the stretch over σ (–)" if stretch else "lag-1 correlation of pitch-rate innovations (–)"
         found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
         rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
         yield "variants", partial(figure_peaks, rows, words, title)

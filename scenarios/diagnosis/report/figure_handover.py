@@ -96,7 +96,8 @@ def _read_candidate(some: list[Any]) -> Candidate:
 
 
 def _read_standing(some: Mapping[str, Any]) -> Standing:
-    return Standing(tuple(some["claimed"]), tuple(some["alternatives"]), tuple(some["hints"]), some["nothing_missing"])
+    alternatives = {name: tuple(names) for name, names in some["alternatives"].items()}
+    return Standing(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["nothing_missing"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

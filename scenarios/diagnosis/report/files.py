@@ -62,7 +62,7 @@ def pictured(tracing: Tracing) -> Pictured:
     claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     standing = Standing(
         tuple(claim.name for claim in claimed),
-        tuple(name for claim in claimed for name in claim.alternatives),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
         tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
         d.verdict is Verdict.CONSISTENT,
     )

@@ -31,7 +31,7 @@ from scenarios.plots.style import (
     make_sheet,
     text_width,
 )
-from scenarios.plots.tracing.reasons import STANDS, Standing, reason
+from scenarios.plots.tracing.reasons import STANDS, Standing, is_alternative, reason
 
 ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
 SPARE, PANELS = 4, 3  # candidates of a round after which nothing was needed; rounds
@@ -66,8 +66,10 @@ def figure_evidence(candidates: Sequence[Candidate], standing: Standing = NOTHIN
     words = [[reason(c, standing, each.shown) for c in each.shown] for each in rounds]
     left = min(1.85, max([1.0, *(text_width(plain(c.name), _SMALL) + 0.25 for each in rounds for c in each.shown)]))
     right = max([0.7, *(text_width(text, _SMALL) for some in words for text in some)]) + 0.1 + _NUMBER
+    # The axis of held-out changes may end above the last round, whose heading its label must not meet.
+    gap = 0.62 if held and all(c.held_out_change is None for c in rounds[-1].shown) else 0.42
     heights = [_ROW * (len(each.shown) + bool(each.others)) + 0.1 for each in rounds]
-    sheet = make_sheet(heights, (1.25, 1.0) if held else (1.0,), row_gap=0.42, column_gap=_NUMBER + 0.12, left=left, right=right, share_x=False)
+    sheet = make_sheet(heights, (1.25, 1.0) if held else (1.0,), row_gap=gap, column_gap=_NUMBER + 0.12, left=left, right=right, share_x=False)
     inner = WIDTH - left - right - (sheet.column_gap if held else 0.0)
     scale = inner * 1.25 / 2.25 if held else inner
     for line, each, some in zip(sheet.axes, rounds, words, strict=True):
@@ -115,7 +117,7 @@ def _places(each: _Round) -> list[float]:
 
 
 def _colour(c: Candidate, standing: Standing) -> str:
-    return BLUE if c.name in standing.claimed else SKY if c.name in standing.named else GREY
+    return BLUE if c.name in standing.claimed else SKY if is_alternative(c, standing) or c.name in standing.hints else GREY
 
 
 def _draw_gains(panel: Axes, each: _Round, standing: Standing) -> None:
@@ -126,7 +128,7 @@ def _draw_gains(panel: Axes, each: _Round, standing: Standing) -> None:
     panel.set_xscale("symlog", linthresh=1.0, linscale=0.6)
     for y, c, below in zip(_places(each), each.shown, behind, strict=True):
         colour = _colour(c, standing)
-        what = "claimed" if colour == BLUE else "cannot be told from it, or a hint" if colour == SKY else "fitted in full" if c.fitted else "screened"
+        what = "claimed" if colour == BLUE else "alternative or hint" if colour == SKY else "fitted in full" if c.fitted else "screened"
         panel.barh(y, -below - edge, left=edge, height=0.66, color=colour if c.fitted else "white", edgecolor=colour, linewidth=0.9, label=what)
     panel.axvline(0.0, **ZERO)
     panel.set_xlim(edge, 0.6)
@@ -149,7 +151,8 @@ def _draw_held_out(panel: Axes, each: _Round, standing: Standing) -> None:
         if c.held_out_change is None:
             continue
         change = 100.0 * c.held_out_change
-        colour = BLUE if c.name in standing.claimed else SKY if c.name in standing.named else VERMILION if change > 0.0 else GREY
+        colour = _colour(c, standing)
+        colour = VERMILION if colour == GREY and change > 0.0 else colour
         if change > _WIDEST:
             panel.plot([_WIDEST], [y], ">", color=colour, markersize=5.0, clip_on=False)
             continue

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ident.tracing.diagnosis import Candidate
 from sim.declaration.traits import GUARD
@@ -29,29 +29,34 @@ _ANSWERS = {
 
 @dataclass(frozen=True)
 class Standing:
-    """What a verdict names: effects that it claims, what could stand in their place, and hints; or that ``nothing_missing`` is."""
+    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints; or that ``nothing_missing`` is."""
 
     claimed: tuple[str, ...] = ()
-    alternatives: tuple[str, ...] = ()
+    alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     hints: tuple[str, ...] = ()
     nothing_missing: bool = False
 
     @property
     def named(self) -> tuple[str, ...]:
         """All of them."""
-        return (*self.claimed, *self.alternatives, *self.hints)
+        return (*self.claimed, *(name for each in self.alternatives.values() for name in each), *self.hints)
 
     def complete(self, within: tuple[str, ...]) -> bool:
         """Whether a model with these effects needed nothing more."""
         return set(self.claimed) <= set(within) if self.claimed else self.nothing_missing
 
 
+def is_alternative(c: Candidate, standing: Standing) -> bool:
+    """Whether a candidate could stand in the place of a claim beside all the others."""
+    return any(c.name in names and set(standing.claimed) - {claim} <= set(c.within) for claim, names in standing.alternatives.items())
+
+
 def reason(c: Candidate, standing: Standing, beside: Sequence[Candidate]) -> str:
     """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates of the same round."""
     if c.name in standing.claimed:
         return "claimed"
-    if c.name in standing.alternatives:
-        return "as good: not told apart"
+    if is_alternative(c, standing):
+        return "an alternative"
     if c.name in standing.hints:
         return "hint only"
     if standing.complete(c.within) and not c.remark:
