@@ -221,7 +221,7 @@ def figure_open_margins(
     panel.set_xlim(*ends)
     panel.set_ylim(*ends)
     panel.set_xlabel("phase margin of the simulation (deg)", fontsize=LABEL_SIZE)
-    y_label(panel, "of the flight (deg)")
+    y_label(panel, "phase margin of the flight (deg)")
     if effects:
         panel, places = sheet.panels[1], np.arange(len(effects))[::-1]
         panel.barh(places, [value for _, value in effects], height=0.55, color=BLUE)

@@ -97,7 +97,7 @@ def _read_candidate(some: list[Any]) -> Candidate:
 
 def _read_standing(some: Mapping[str, Any]) -> Standing:
     alternatives = {name: tuple(names) for name, names in some["alternatives"].items()}
-    return Standing(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["nothing_missing"])
+    return Standing(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["noise_left"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

@@ -64,7 +64,7 @@ def pictured(tracing: Tracing) -> Pictured:
         tuple(claim.name for claim in claimed),
         {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
         tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
-        d.verdict is Verdict.CONSISTENT,
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
     )
     shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
     return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)

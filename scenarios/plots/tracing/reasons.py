@@ -29,12 +29,12 @@ _ANSWERS = {
 
 @dataclass(frozen=True)
 class Standing:
-    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints; or that ``nothing_missing`` is."""
+    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints; ``noise_left``: with them the residual is noise."""
 
     claimed: tuple[str, ...] = ()
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     hints: tuple[str, ...] = ()
-    nothing_missing: bool = False
+    noise_left: bool = False
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ class Standing:
 
     def complete(self, within: tuple[str, ...]) -> bool:
         """Whether a model with these effects needed nothing more."""
-        return set(self.claimed) <= set(within) if self.claimed else self.nothing_missing
+        return self.noise_left and set(self.claimed) <= set(within)
 
 
 def is_alternative(c: Candidate, standing: Standing) -> bool:
