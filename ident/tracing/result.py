@@ -117,6 +117,8 @@ def reported(
         effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
+        trained_before=root.trained,
+        trained_after=best.trained,
         modes_before=_characteristics(root, before.scatter.inflation),
         modes_after=_characteristics(best, inflation),
         derived_before=_derived(root, before.scatter.inflation),

@@ -83,6 +83,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         overflows.count,
         settings.effort,
         opened.flown,
+        request.plan,
         all_simulated([*opened.records, *opened.validation]),
     )
 

@@ -37,7 +37,7 @@ def read_record(
     source : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``; or the file as it was read.
     model_inputs : inputs; each must be there, without a gap.
     model_outputs : outputs; those that are absent are left out, one must be there.
-    channel_map : channel -> column, where headers are not ours.
+    channel_map : channel -> column, where headers are not ours; else the file's own.
     start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
     optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a column of theirs without a single
         number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
@@ -56,7 +56,7 @@ def read_record(
     RecordError : anything that keeps the file from being used as it stands.
     """
     file = source if isinstance(source, RecordFile) else read_record_file(source)
-    table = file.table
+    table, channel_map = file.table, channel_map or file.choices
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
     wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
     columns = _columns(file, wanted, further, channel_map, known)
@@ -79,6 +79,14 @@ def read_record(
         file.sidecar.hold if hold is None else hold,
         file.sidecar.name or file.path.name,
     )
+
+
+def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
+    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
+    column = _columns(file, [TIME], set(), file.choices, CHANNEL_UNITS)[TIME]
+    if column is None:
+        raise missing_column(TIME, file.table.header, file.table.file)
+    return _time(file.table, column, start, stop)
 
 
 def _columns(

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.tracing.diagnosis import FittedRecord
-from ident.tracing.residual_structure import noise_floors
 from scenarios.identification.assessment.prediction import RecordFit
+from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
@@ -30,7 +29,8 @@ def identification_figures(found: Identification, measured: Record, data: str = 
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
     yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
-    noise = shown_noise(found)
+    # Bands are those of the sensors: what a coloured residual holds besides is no noise.
+    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True)) | estimated_noise(found)
     yield "fit", partial(figure_fit, found.record, [response], None, title, noise, data)
     yield from other_records(found, noise, data)
     if found.band is not None and found.fits[0].figures is not None:
@@ -43,17 +43,6 @@ def identification_figures(found: Identification, measured: Record, data: str = 
         yield "innovations", partial(figure_innovations, estimate.history, estimate.output_names, units, title)
     if len(estimate.names) > 1:
         yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
-
-
-def shown_noise(found: Identification) -> dict[str, float]:
-    """Standard deviation of each output's noise for bands: that of the fit where its residual is white, else that of the sensor, estimated."""
-    parts = []
-    for each in found.fits:
-        if not each.held_out:
-            z, valid = each.record.output_array(each.outputs)
-            residual = np.where(valid, z - each.simulated, 0.0)
-            parts.append(FittedRecord(each.record, each.outputs, residual, residual, valid))
-    return noise_floors(parts, found.tests, dict(zip(found.estimate.output_names, found.estimate.noise_std.tolist(), strict=True)))
 
 
 def other_records(found: Identification, noise: Mapping[str, float], data: str = MEASURED_DATA) -> Iterator[Named]:

@@ -28,6 +28,14 @@ PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself;
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
+@dataclass(frozen=True)
+class Decided:
+    """How other records were read where no file said it: hold of the inputs, and whether the trim lift follows a measured pressure."""
+
+    hold: Hold
+    weight: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """What a fit starts from.
@@ -66,10 +74,12 @@ def prepare(
     *,
     flow: bool = True,
     attitude: bool = False,
+    decided: Decided | None = None,
 ) -> Prepared:
     """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``.
 
-    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use.
+    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use. ``decided``: how to read
+    what the files do not say; None: as the declared model fits better.
 
     Raises
     ------
@@ -81,17 +91,19 @@ def prepare(
     read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
-    ready = for_model(read[:split], model, plan, read[split:])
+    ready = for_model(read[:split], model, plan, read[split:], decided)
     return replace(ready, doubts=(*look.doubts, *ready.doubts), look=look)
 
 
-def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = ()) -> Prepared:
+def for_model(
+    fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = (), decided: Decided | None = None
+) -> Prepared:
     """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
     first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
-    hold, weight, notes = _readings(first, model, plan, known=known)
+    hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:

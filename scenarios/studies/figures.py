@@ -15,7 +15,9 @@ from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
+from scenarios.plots.studies.campaign import Coverage, figure_campaign
 from scenarios.plots.studies.determination import DeterminedBy, figure_determination
+from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.declaration import Start
 from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
@@ -72,6 +74,20 @@ def study_figures(study: Study) -> Iterator[Named]:
         yield "flexibility", partial(draw_sweep, study.sweep, title)
     if scenario.condensed:
         yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
+
+
+def campaign_figures(campaign: Campaign) -> Iterator[Named]:
+    """The figure of a campaign: errors of all runs, and how often their intervals hold the reference."""
+    reference = np.array([[spread.reference] for spread in campaign.spreads])
+    sigmas = (campaign.values - reference) / campaign.std
+    rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
+    title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
+    yield "campaign", partial(figure_campaign, [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
+
+
+def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
+    low, high = spread.interval
+    return Coverage(spread.name, sigmas, 100.0 * spread.within_two, (100.0 * low, 100.0 * high))
 
 
 def _filter_figures(study: Study, method: MethodResult, suffix: str) -> Iterator[Named]:

@@ -18,6 +18,7 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
+from scenarios.terminal.summary import HERE
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -49,7 +50,7 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
         if figures:
             from scenarios.plots.files import save_figures
             from scenarios.studies.figures import study_figures

@@ -13,6 +13,7 @@ from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.terminal.numbers import as_text
+from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
 from scenarios.x29.study import LoopStudy
@@ -32,7 +33,7 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         if figures:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
+from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
 from scenarios.diagnosis.report.evidence import record_labels
@@ -21,6 +22,7 @@ from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.kept.kept_model import write_kept
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import PNG, USUAL, Formats
 from scenarios.plots.tracing.pictured import Pictured, Replicated
@@ -51,6 +53,9 @@ def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: Formats = 
         (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
         for shown in scratch.glob("*.png") if PNG not in figures else ():
             shown.unlink()  # drawn for the page alone
+        kept = kept_diagnosis(tracing)
+        if kept is not None:
+            write_kept(scratch, kept)
         write_json(scratch / MAIN, content)
     return Path(folder)
 

@@ -13,7 +13,7 @@ _MARKED = re.compile(r"[+-]?(?=[.,]*\d)[\d.,]+([eE][+-]?\d+)?")  # a number as s
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Table:
     """Columns of one file, nothing interpreted yet.
 
@@ -37,6 +37,9 @@ class Table:
     units: tuple[str, ...] = ()
     separator: str = ""
     decimal_comma: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Table {self.file}: {self.rows.size} rows of {len(self.header)} columns>"
 
 
 @dataclass(frozen=True, eq=False)

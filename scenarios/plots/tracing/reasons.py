@@ -29,7 +29,10 @@ _ANSWERS = {
 
 @dataclass(frozen=True)
 class Standing:
-    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints; ``noise_left``: with them the residual is noise."""
+    """What a verdict names: effects that it claims, by claim what could stand in its place, and hints.
+
+    ``noise_left``: with the claims the residual is noise.
+    """
 
     claimed: tuple[str, ...] = ()
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns
-from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.terminal.display_units import NO_UNIT, shown_in, told
+from scenarios.diagnosis.report.text import details_text, diagnosis_summary
+from scenarios.terminal.display_units import shown_in, told, unit_cell
 from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import Column, columns_of, table_lines
 from scenarios.trials.planted.hiding import hidden_units
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
@@ -17,17 +19,25 @@ DERIVATIVES = ("derivative", "unit", "true", "before", "after", "error, sigmas")
 EFFECTS = ("effect", "unit", "true", "estimate", "error, sigmas")
 
 
-def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
-    """Before and after as `flightid diagnose` shows them, then what the truth says of it."""
+def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, before and after as `flightid diagnose` shows them, then what the truth says of it."""
     scenario = study.scenario
     blocks = [
+        summary_lines(trace_summary(study, details), width),
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
-        diagnosis_text(study.tracing, width).rstrip().split("\n"),
+        details_text(study.tracing, width).rstrip().split("\n"),
         table_lines(_against_truth(study), title=_title(study), width=width),
         table_lines(columns_of(EFFECTS, [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2), width=width),
         wrapped(f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}", width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
+    """The diagnosis, and whether it is right."""
+    told = diagnosis_summary(study.tracing, details)
+    named = f"{study.scenario.name}: {study.scenario.title}; {told.study}"
+    return replace(told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}")
 
 
 def _against_truth(study: TraceStudy) -> list[Column]:
@@ -50,7 +60,7 @@ def _rows(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
     for row in scored:
         factor, unit = shown_in(row.unit, row.name)
         before, after = (value_text(factor * q.value, factor * q.std) if q else "-" for q in (row.before, row.after))
-        out.append((row.name, unit if unit not in NO_UNIT else "", f"{factor * row.true:.5g}", before, after, f"{row.sigmas:+.1f}"))
+        out.append((row.name, unit_cell(unit), f"{factor * row.true:.5g}", before, after, f"{row.sigmas:+.1f}"))
     return out
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.terminal.paragraphs import WIDTH
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.scoring import Share
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
@@ -26,31 +29,38 @@ _LABELS = {
 }
 
 
-def campaign_text(standin: StandIn, judged: Sequence[Judged]) -> str:
-    """Shares with intervals, effect by effect, derivative by derivative."""
+def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
     rows = [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
     effects = [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
     derivatives = [
         (name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in by_derivative(judged).items()
     ]
-    seeds = [flight.seed for flight in judged]
     verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
     false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    summary = Summary(
+        f"{standin.name}: {standin.title}; {len(judged)} flights, {seeds}",
+        ", ".join(f"{count} {name}" for name, count in verdicts.items()),
+        "; ".join(f"{row[0]} {row[2]} ({row[3]})" for row in rows[:2]),
+        details=details,
+    )
     blocks = [
-        [f"{standin.name}: {len(judged)} flights, seeds {seeds[0]} to {seeds[-1]}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
-        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows)),
+        summary_lines(summary, width),
+        [f"{standin.name}: {len(judged)} flights, {seeds}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
+        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows), width=width),
         false,
-        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects)),
+        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects), width=width),
         table_lines(
             columns_of(("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"), derivatives),
+            width=width,
             title="within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative",
         ),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path) -> Path:
-    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last)."""
+def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, flown: Mapping[str, Any]) -> Path:
+    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -63,8 +73,7 @@ def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path) 
         content = {
             "schema": "flightid/campaign/1",
             "scenario": standin.name,
-            "first_seed": judged[0].seed,
-            "runs": len(judged),
+            **flown,
             "shares": found,
             "effects": {name: {"flights": n, "alone": alone, "group": grouped} for name, (n, alone, grouped) in by_effect(judged).items()},
             "derivatives": {

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.report.text import details_text, diagnosis_summary
 from scenarios.terminal.display_units import told
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import Column, columns_of, table_lines
 from scenarios.trials.standin.fitting import declared_model, left_over
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn
@@ -20,15 +21,22 @@ from scenarios.trials.standin.study import StandInStudy
 DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
 
 
-def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
-    """Before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
+def standin_text(study: StandInStudy, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
     blocks = [
+        summary_lines(standin_summary(study, details), width),
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
-        diagnosis_text(study.tracing, width).rstrip().split("\n"),
+        details_text(study.tracing, width).rstrip().split("\n"),
         table_lines(_against_nominal(study), title="derivatives against the nominal ones", width=width),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def standin_summary(study: StandInStudy, details: str = BELOW) -> Summary:
+    """The diagnosis, and what the truth says of it."""
+    told = diagnosis_summary(study.tracing, details)
+    return replace(told, study=f"{study.standin.name}: {study.standin.title}; {told.study}", outcome=f"{told.outcome}; truth: {score_text(study)}")
 
 
 def flight_lines(flight: Flight) -> list[str]:
