@@ -18,6 +18,7 @@ from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters, row_of
 from scenarios.api.shown.report import write_report
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import formats_wanted
 from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
 
 if TYPE_CHECKING:
@@ -109,9 +110,9 @@ class Study:
 
         return matrices_of_study(self.details, self.kind, pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
-        self._runner.write(self.details, Path(folder), figures=figures)
+        self._runner.write(self.details, Path(folder), figures=formats_wanted(figures))
         return Path(folder)
 
     def report(self, path: str | PathLike[str]) -> Path:

@@ -11,22 +11,21 @@ from scenarios.compatibility.check import Check
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.preparation.record_words import record_content
 
 MAIN = "compatibility.json"
 SCHEMA = "flightid/compatibility/1"
 
 
-def write_check(check: Check, folder: str | Path, *, figures: bool = True) -> Path:
+def write_check(check: Check, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a check into ``folder``, whole or not at all; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
-        if figures and check.result.reconstructions:
-            from scenarios.plots.compatibility import figure_reconstruction
-            from scenarios.plots.files import save_figure
+        if figures:
+            from scenarios.compatibility.figures import check_figures
+            from scenarios.plots.files import save_figures
 
-            for number, item in enumerate(check.result.reconstructions, start=1):
-                stem = "reconstruction" if number == 1 else f"reconstruction_{number}"
-                save_figure(figure_reconstruction(item, f"{item.record}: reconstructed against measured"), scratch, stem)
+            save_figures(check_figures(check.result, check.simulated), scratch, figures)
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)
 

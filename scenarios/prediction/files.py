@@ -10,6 +10,7 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import PREDICTED, write_json
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.prediction.predict import Prediction, figures_of
 
 MAIN = "prediction.json"
@@ -17,14 +18,15 @@ SCHEMA = "flightid/prediction/1"
 DECLARED = "declared_"
 
 
-def write_prediction(found: Prediction, folder: str | Path, *, figures: bool = True) -> Path:
-    """Write ``prediction.csv``, with figures ``prediction.png``, and ``prediction.json`` last; returns the folder."""
+def write_prediction(found: Prediction, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
         (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8")
         if figures:
-            from scenarios.prediction.figure import draw_prediction
+            from scenarios.plots.files import save_figures
+            from scenarios.prediction.figure import prediction_figures
 
-            draw_prediction(found, scratch)
+            save_figures(prediction_figures(found), scratch, figures)
         write_json(scratch / MAIN, prediction_content(found))
     return Path(folder)
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.numbers import console, number
@@ -47,8 +48,8 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
 
-def write_campaign(campaign: Campaign, out: Path) -> Path:
-    """Write ``campaign.json`` and ``estimates.csv`` into the folder ``out``, whole or not at all; returns the folder."""
+def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``campaign.json``, ``estimates.csv`` and the figure ``campaign`` into the folder ``out``, whole or not at all; returns the folder."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -56,6 +57,11 @@ def write_campaign(campaign: Campaign, out: Path) -> Path:
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        if figures:
+            from scenarios.plots.files import save_figures
+            from scenarios.studies.figures import campaign_figures
+
+            save_figures(campaign_figures(campaign), scratch, figures)
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,

@@ -11,6 +11,7 @@ import numpy as np
 
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.terminal.numbers import as_text
 from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
@@ -22,7 +23,7 @@ from sim.record import Record
 MAIN = "comparison.json"
 
 
-def write_loop(study: LoopStudy, folder: str | Path, *, figures: bool = True) -> Path:
+def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
     Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the terminal shows), ``history.csv`` of the
@@ -30,15 +31,16 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: bool = True) ->
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record)
+        write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         if figures:
-            from scenarios.x29.figures import draw_loop
+            from scenarios.plots.files import save_figures
+            from scenarios.x29.figures import loop_figures
 
-            draw_loop(study, scratch)
+            save_figures(loop_figures(study), scratch, figures)
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
 

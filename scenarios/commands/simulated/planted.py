@@ -64,7 +64,10 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
     with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = [*write_record(out.parent, flown.train, out.stem), *write_record(out.parent, flown.validate, f"{out.stem}_validate")]
+    written = [
+        *write_record(out.parent, flown.train, out.stem, simulated=True),
+        *write_record(out.parent, flown.validate, f"{out.stem}_validate", simulated=True),
+    ]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
     vehicle.write_text(flown.vehicle_file, encoding="utf-8")
     print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")

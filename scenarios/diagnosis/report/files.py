@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
 from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared
@@ -23,23 +23,26 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.kept.kept_model import write_kept
-from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.formats import PNG, USUAL, Formats
+from scenarios.plots.tracing.pictured import Pictured, Replicated
+from scenarios.plots.tracing.reasons import Standing
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 
 
-def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = True, process: Process | None = None) -> Path:
+def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: Formats = USUAL, process: Process | None = None) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, figures as PNG, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
+    ``evidence.csv``, figures in the formats ``figures``, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
     """
     from scenarios.diagnosis.report.page import diagnosis_page, report_template
 
     d = tracing.diagnosis
     with study_folder(folder, MAIN) as scratch:
-        with drawing(pictured(tracing), scratch, process) if figures else nullcontext():
+        with drawing(pictured(tracing), scratch, process, (*figures, *(() if PNG in figures else (PNG,)))) if figures else nullcontext():
             for number, prediction in enumerate(d.predictions):
                 write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
             for number, fitted in enumerate(d.fitted):
@@ -48,6 +51,8 @@ def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = Tru
             content = diagnosis_content(tracing, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
             template = report_template()
         (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
+        for shown in scratch.glob("*.png") if PNG not in figures else ():
+            shown.unlink()  # drawn for the page alone
         kept = kept_diagnosis(tracing)
         if kept is not None:
             write_kept(scratch, kept)
@@ -59,8 +64,15 @@ def pictured(tracing: Tracing) -> Pictured:
     """The part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
-    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = Standing(
+        tuple(claim.name for claim in claimed),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
+    )
+    shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:

@@ -114,9 +114,9 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
 
 
 def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
-    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=())
     (tmp_path / "notes.txt").write_text("mine")
-    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=())
     names = {entry.name for entry in tmp_path.iterdir()}
     assert names == {"diagnosis.json", "validate_prediction.csv", "residuals.csv", "evidence.csv", "report.html", "notes.txt"}
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
@@ -157,8 +157,8 @@ def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path
 
 def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
     picture = pictured(tracing_of(Verdict.PARTIAL, LOES, count=60))
-    again, folder = unpacked(packed(picture, tmp_path))
-    assert folder == tmp_path
+    again, folder, formats = unpacked(packed(picture, tmp_path, ("svg",)))
+    assert (folder, formats) == (tmp_path, ("svg",))
     assert again.before == picture.before and again.after == picture.after and again.noise == picture.noise
     assert [(c.name, c.gain, c.within) for c in again.candidates] == [(c.name, c.gain, c.within) for c in picture.candidates]
     for a, b in zip(again.fitted, picture.fitted, strict=True):
