@@ -1,0 +1,80 @@
+"""A figure as an ``<svg>`` element of a page, with what a reader who cannot see it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from scenarios.plots.files import Named, save_figure
+from scenarios.plots.formats import Formats
+from scenarios.plots.page.captions import caption_of
+from scenarios.plots.page.renderer import PageRenderer
+
+POINTS = 72.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure of a page: the ``stem`` of its files, the element, and a caption."""
+
+    stem: str
+    svg: str
+    caption: str
+
+
+def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+    """Draw each figure once: into ``folder`` in every format, and for the page."""
+    out = []
+    for stem, make in figures:
+        figure = make()
+        save_figure(figure, folder, stem, formats)
+        out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
+    return tuple(out)
+
+
+def page_svg(figure: Figure, stem: str) -> str:
+    """The figure as an element that is as wide as its place and has no colours but those of the figure; the same for the same figure.
+
+    ``stem`` begins its identifiers: figures of one page have different ones.
+    """
+    width, height = figure.get_size_inches() * POINTS
+    dpi = figure.dpi
+    renderer = PageRenderer(width, height, f"figure-{stem}")
+    figure.patch.set_visible(False)
+    try:
+        figure.dpi = POINTS
+        figure.draw(renderer)
+    finally:
+        figure.dpi = dpi
+        figure.patch.set_visible(True)
+    boxes = "".join(
+        f'<clipPath id="{name}"><rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}"/></clipPath>' for (x, y, w, h), name in renderer.clips.items()
+    )
+    described = escape(description(figure), quote=True)
+    head = f'<svg viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="{described}">'
+    return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
+
+
+def description(figure: Figure) -> str:
+    """What a figure shows in words: its title, what its panels have at their axes, and what is drawn in them."""
+    title = " ".join(text.get_text() for text in figure.texts).strip()
+    panels = [panel for panel in figure.axes if panel.get_visible()]
+    across = dict.fromkeys(label for panel in panels if (label := _plain(panel.get_xlabel())))
+    upward = dict.fromkeys(label for panel in panels for label in (_plain(panel.get_ylabel()), _plain(panel.get_title(loc="left"))) if label)
+    lines = dict.fromkeys(
+        _plain(label) for panel in panels for label in panel.get_legend_handles_labels()[1] if label and not str(label).startswith("_")
+    )
+    told = [_plain(title) or "Figure"]
+    told += [f"Panels: {', '.join(upward)}"] if upward else []
+    told += [f"against {', '.join(across)}"] if across else []
+    told += [f"Shown: {', '.join(lines)}"] if lines else []
+    return ". ".join(told) + "."
+
+
+def _plain(text: str) -> str:
+    """A label without the marks of mathematics."""
+    return " ".join(text.replace("\\mathrm", "").replace("\\dot", "").translate(str.maketrans("", "", "${}\\")).split())
