@@ -68,7 +68,7 @@ def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path |
 
 def _print(campaign: Campaign, out: Console | None = None) -> None:
     from scenarios.terminal.numbers import console, number
-    from scenarios.terminal.rich_tables import Column, print_table
+    from scenarios.terminal.tables import Column, print_table
 
     terminal = out or console()
     seeds = campaign.seeds
@@ -87,7 +87,7 @@ def _print(campaign: Campaign, out: Console | None = None) -> None:
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
-    print_table(terminal, title, sizes, shares)
+    print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 

@@ -19,7 +19,7 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats) -> No
         # Loaded while the second process already starts.
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text
-        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.paragraphs import terminal_width
 
         tracing = diagnose_files(request, progress)
         if out is not None:

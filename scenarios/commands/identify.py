@@ -183,11 +183,10 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
 
 
 def _print(found: Identification, flown: Flown) -> None:
-    from rich.table import Table
-
     from ident.tracing.diagnosis import Quantity
     from scenarios.terminal.numbers import console, derived_line, number, test_line
     from scenarios.terminal.quantities import determined, displayed
+    from scenarios.terminal.tables import columns_of, print_table
 
     estimate, terminal = found.estimate, console()
     for record in (found.record, *found.others):
@@ -201,18 +200,16 @@ def _print(found: Identification, flown: Flown) -> None:
         terminal.print(line, highlight=False)
     for line in bound_lines(found.at_bounds, found.tied):
         terminal.print(line, highlight=False)
-    table = Table()
-    for heading in ("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"):
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
+    rows: list[tuple[str, ...]] = []
     starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
     for row in (*found.rows, *found.biases):
         begun = f"{starts[row.name]:.5g}" if row.name in starts else "-"
         if not determined(row.estimate, row.std):
-            table.add_row(row.name, row.unit, "not determined", "-", "-", begun)
+            rows.append((row.name, row.unit, "not determined", "-", "-", begun))
             continue
         share = f"{100.0 * row.std / abs(row.estimate):.2g}" if row.estimate else "-"
-        table.add_row(row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun)
-    terminal.print(table)
+        rows.append((row.name, row.unit, number(row.estimate, row.std), number(row.std, row.std), share, begun))
+    print_table(terminal, "", columns_of(("parameter", "unit", "estimate", "+- sigma", "sigma %", "start"), rows, left=2))
     for line in interval_lines(found.intervals, {row.name: row.unit for row in found.rows}):
         terminal.print(line, highlight=False)
     if found.reading:

@@ -77,6 +77,8 @@ def _effect_of_any_model(name: str) -> tuple[Effect, str]:
 def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
     from scenarios.terminal.numbers import console
+    from scenarios.terminal.paragraphs import print_paragraph
+    from scenarios.terminal.tables import Column, columns_of, print_table
     from sim.errors import DeclarationError
     from sim.vehicles.data import difference
     from sim.vehicles.library import read_parameter_set, vehicle_names
@@ -89,23 +91,25 @@ def show_vehicles(name: str | None, other: str | None) -> None:
         for each in names:
             print(f"{each:{width}}  {read_parameter_set(each).title}")
         return
-    from rich.table import Table
-
-    data = read_parameter_set(name)
+    data, out = read_parameter_set(name), console()
     if other is None:
-        table = Table(title=f"{name}: {data.title}\n{data.source}", title_justify="left")
-        for heading in ("parameter", "value", "unit", "as printed", "origin"):
-            table.add_column(heading, no_wrap=heading != "origin")
-        for n in (*data.numbers, *data.initial):
-            table.add_row(n.name, f"{n.value:.7g}", n.unit, n.printed, n.source)
+        print_paragraph(out, f"{name}: {data.title}", 0)
+        print_paragraph(out, data.source, 0)
+        numbers = (*data.numbers, *data.initial)
+        columns = [
+            Column("parameter", [n.name for n in numbers], left=True),
+            Column("value", [f"{n.value:.7g}" for n in numbers]),
+            Column("unit", [n.unit for n in numbers], left=True),
+            Column("as printed", [n.printed for n in numbers], left=True),
+            Column("origin", [n.source for n in numbers], left=True),
+        ]
+        print_table(out, "", columns)
     else:
-        table = Table(title=f"{name} against {other}", title_justify="left")
-        for heading in ("parameter", "unit", name, other):
-            table.add_column(heading)
+        rows = []
         for d in difference(data, read_parameter_set(other)):
             there = [each for each in (d.first, d.second) if each is not None]
-            table.add_row(d.name, there[0].unit, *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second)))
-    console().print(table)
+            rows.append((d.name, there[0].unit, *("-" if each is None else f"{each.value:.7g}" for each in (d.first, d.second))))
+        print_table(out, f"{name} against {other}", columns_of(("parameter", "unit", name, other), rows, left=2))
 
 
 def _first_clause(text: str) -> str:

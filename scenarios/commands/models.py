@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from scenarios.files.own_models import is_model_file, read_own_model
 from scenarios.files.vehicles import MODELS, refuse_unknown_model
-from scenarios.terminal.plain_tables import wrapped
+from scenarios.terminal.paragraphs import wrapped
 from sim.declaration.effect import Signal, Station
 from sim.errors import DeclarationError, ModelError
 

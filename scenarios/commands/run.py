@@ -155,7 +155,7 @@ def _printed(text: Callable[[Any, int], str]) -> Callable[[Any], None]:
     """Prints a study's text as wide as the terminal is."""
 
     def show(study: Any) -> None:
-        from scenarios.terminal.plain_tables import terminal_width
+        from scenarios.terminal.paragraphs import terminal_width
 
         print(text(study, terminal_width()), end="")
 

@@ -11,8 +11,8 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.terminal.plain_tables import table
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
 from scenarios.trials.many import of_each_seed
@@ -43,7 +43,7 @@ def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes
     with progress_bar() as progress:
         found = of_each_seed(kind.fly, range(first, first + runs), progress, os.cpu_count() or 1)
     title, headings, rows = kind.tabled(found)
-    print("\n".join([f"{name}: {runs} flights, seeds {first} to {first + runs - 1}", *table(headings, rows, title=title)]))
+    print("\n".join([f"{name}: {runs} flights, seeds {first} to {first + runs - 1}", *table_lines(columns_of(headings, rows), title=title)]))
     if out is not None:
         content = {"schema": "flightid/campaign/1", "scenario": name, "first_seed": first, "runs": runs}
         with study_folder(out, "campaign.json") as scratch:

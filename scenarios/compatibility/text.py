@@ -11,7 +11,8 @@ from ident.compatibility.result import CheckResult, SensorEstimate, SensorFindin
 from scenarios.compatibility.check import Check
 from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.numbers import console, number
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.tables import Column, print_table
 
 WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"} | {
     "bias": "{} reads {} too much"
@@ -108,8 +109,6 @@ def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
             Column("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows]),
             Column("output error", [_value(row, row.output_error.value, row.output_error.std) for row in rows]),
             Column("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows]),
-        ],
-        [
             Column("apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]),
             Column("gain", [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows]),
             Column("", ["stands" if row.name in standing else "" if row.told else "cannot tell" for row in rows], left=True),
@@ -131,7 +130,7 @@ def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRe
                 f"{number(item.smoother.value, item.smoother.std)} ± {number(item.smoother.std, item.smoother.std)}" if item and told else "-"
             )
         columns.append(Column(result.records[0], cells))
-    print_table(out, "", columns[:1] + columns[1:3], columns[3:])
+    print_table(out, "", columns)
 
 
 def _unit(check: Check, name: str) -> str:

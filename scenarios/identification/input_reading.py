@@ -8,7 +8,7 @@ from typing import Any
 
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
-from scenarios.terminal.plain_tables import table
+from scenarios.terminal.tables import columns_of, table_lines
 from sim.record import Hold
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
@@ -58,7 +58,8 @@ def reading_rows(reading: OtherReading) -> list[str]:
         (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
         for row, new in reading.moved
     ]
-    return table(("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by"), rows, left=2)
+    headings = ("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by")
+    return table_lines(columns_of(headings, rows, left=2))
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:

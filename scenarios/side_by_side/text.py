@@ -11,18 +11,17 @@ from scenarios.side_by_side.comparison import SideBySide
 from scenarios.side_by_side.value import Column as Study
 from scenarios.side_by_side.value import Value
 from scenarios.terminal.numbers import console, number
+from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.quantities import determined
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.tables import GAP, Column, print_table
 
 CELL, FIXED = 17, 40  # columns of a terminal: an estimate with its sigma; parameter, unit and true value
-FRAMED = 100  # columns of a terminal from which tables have frames
-_FRAME = 3  # columns of a terminal that a column of a table takes besides its text
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:
     """What each study is, then tables of what they share: estimates, errors and published values where there are any."""
     out = out or console()
-    numbered = sum(_FRAME + max(len(column.label), CELL) for column in compared.columns) > out.width - FIXED
+    numbered = sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns) > out.width - FIXED
     for place, column in enumerate(compared.columns, start=1):
         told = [column.title or column.estimator, *([column.estimator] if column.title and column.estimator else [])]
         told += [f"seed {column.seed}"] if column.seed is not None else []
@@ -51,28 +50,15 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
 def _print(
     out: Console, compared: SideBySide, title: str, names: Sequence[str], cell: Callable[[Value], str], further: Sequence[Column] = ()
 ) -> None:
-    """One table, in as many parts as the terminal's width asks for; each has title and parameters. Rows that say nothing are left out."""
+    """One table, in as many blocks as the terminal's width asks for. Rows that say nothing are left out."""
     names = [name for name in names if any(_cell(compared.value(name, study), cell) != "-" for study in compared.columns)]
     if not names:
         return
     fixed = [Column("parameter", names, left=True), Column("unit", [compared.unit(name) for name in names], left=True), *further]
     rest = [Column(study.label, [_cell(compared.value(name, study), cell) for name in names]) for study in compared.columns]
     rest = [column for column in rest if set(column.cells) != {"-"}]
-    frame = _FRAME if out.width >= FRAMED else 1
-    left = out.width - sum(_width(column, frame) for column in fixed)
-    part: list[Column] = []
-    for column in rest:
-        if part and sum(_width(each, frame) for each in (*part, column)) > left:
-            out.print()
-            print_table(out, title, [*fixed, *part])
-            part = []
-        part.append(column)
     out.print()
-    print_table(out, title, [*fixed, *part])
-
-
-def _width(column: Column, frame: int) -> int:
-    return frame + max(len(text) for text in (column.heading, *column.cells))
+    print_table(out, title, [*fixed, *rest], keys=2)
 
 
 def _values(compared: SideBySide) -> list[tuple[Study, Value]]:

@@ -19,8 +19,9 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.text import print_sweep
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
+from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.quantities import determined
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.tables import Column, print_table
 
 
 def print_study(study: Study, out: Console | None = None) -> None:
@@ -94,7 +95,7 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
             Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows]),
             Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows]),
         ]
-    print_table(out, title, columns, published)
+    print_table(out, title, [*columns, *published])
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     seen, remark = other_flight_line(study.scenario, method.estimation), published_remark(method.estimation.published)
@@ -115,10 +116,9 @@ def _print_repeated(found: Sequence[Scatter], out: Console) -> None:
         Column("95 % interval", [f"{100 * low:.0f} to {100 * high:.0f} %" for _, (low, high) in shares]),
     ]
     in_sigmas = [Column(name, [_of(each, name, each.rms_sigmas, ".2f") for each in found]) for name in names]
-    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged], in_sigmas)
+    print_table(out, f"{runs} runs of each flight: root mean square error in reported sigmas", [*common, *judged, *in_sigmas])
     in_units = [Column(name, [_of(each, name, each.rms, ".3g") for each in found]) for name in names]
-    half = (len(in_units) + 1) // 2
-    print_table(out, "the same in the derivatives' units", [*common, *in_units[:half]], in_units[half:])
+    print_table(out, "the same in the derivatives' units", [*common, *in_units])
     for each in found:
         others = ", ".join(f"{count} {code}" for code, count in sorted(each.outcomes.items()) if code != "converged")
         if others:

@@ -12,7 +12,8 @@ from ident.flying_qualities.handling_qualities import Level
 from scenarios.studies.departures import choice_lines
 from scenarios.studies.text import print_choices
 from scenarios.terminal.numbers import console, number, test_line
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.tables import Column, print_table
 from scenarios.x29.content import correlation_content
 from scenarios.x29.findings import sentences
 from scenarios.x29.measures import LARGE
@@ -69,7 +70,7 @@ def _estimate(study: LoopStudy, out: Console) -> None:
             Column("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names]),
         ]
     out.print()
-    print_table(out, f"estimate, delay refined: {estimate.outcome.value}", columns, further)
+    print_table(out, f"estimate, delay refined: {estimate.outcome.value}", [*columns, *further])
 
 
 def _states(study: LoopStudy, out: Console) -> None:
@@ -176,7 +177,7 @@ def _together(study: LoopStudy, out: Console) -> None:
     printed = [(key, printed_column(key)) for key in study.scenario.published]
     further = [Column(f"published {key.replace('_', ' ')}", [f"{c[n].value:.4g}" if n in c else "" for n in (*names, "delay")]) for key, c in printed]
     out.print()
-    print_table(out, "robustness: plain bank, most likely delay, side by side as the paper's Table 3", columns, further)
+    print_table(out, "robustness: plain bank, most likely delay, side by side as the paper's Table 3", [*columns, *further])
 
 
 def _passes(study: LoopStudy, out: Console) -> None:

@@ -19,10 +19,12 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
-from scenarios.terminal.plain_tables import WIDTH, table, wrapped
+from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
+from scenarios.terminal.tables import columns_of, table_lines
 
 MOVED = 2.0  # sigmas
+WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
@@ -41,8 +43,8 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
         _level_lines(tracing, width),
-        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1, spare=("parameters",)),
-        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, spare=("p", "parameters")),
+        _titled(WEIGHED_TITLE, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), width, left=1),
+        _titled(CANDIDATE_TITLE, CANDIDATE_HEADINGS, candidate_rows(d), width, keys=2),
         [line for warning in warnings_of(tracing) for line in wrapped(f"warning: {warning}", width)],
         [line for note in tracing.notes for line in wrapped(f"note: {note}", width)],
         wrapped(effort_sentence(tracing.effort, d), width),
@@ -209,17 +211,17 @@ def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence
 
 
 def _titled(
-    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, spare: Sequence[str] = ()
+    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], width: int, note: str = "", left: int = 2, keys: int = 1
 ) -> list[str]:
     """A table under its title and a note on it, both folded."""
-    lines = table(headings, rows, left=left, width=width, spare=spare)
+    lines = table_lines(columns_of(headings, rows, left, WORDS), width=width, keys=keys)
     return [*wrapped(title, width), *wrapped(note, width, "  "), *lines] if lines else []
 
 
 def _level_lines(tracing: Tracing, width: int) -> list[str]:
     d, headings = tracing.diagnosis, ("mode", *LEVEL_HEADINGS)
     rows = shown_rows(d, headings, level_rows(tracing))
-    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings), spare=headings[-1:])
+    return _titled(levels_title(tracing), shown_columns(d, headings), rows, width, left=len(headings))
 
 
 def _effect_lines(tracing: Tracing, width: int) -> list[str]:

@@ -10,8 +10,8 @@ from scenarios.identification.assessment.bounds import AtBound
 from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
-from scenarios.terminal.plain_tables import table
 from scenarios.terminal.quantities import displayed
+from scenarios.terminal.tables import columns_of, table_lines
 
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 
@@ -28,7 +28,7 @@ def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str
     """A table of the intervals, and a sentence on those that a sigma does not tell."""
     rows = [(each.name, units.get(each.name, ""), _end(each, -1), _end(each, 1), _sides(each), "" if each.agrees else "no") for each in intervals]
     headings = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
-    lines = table(headings, rows, left=2, title=f"profile likelihood, {100.0 * LEVEL:.0f} % intervals")
+    lines = table_lines(columns_of(headings, rows, left=2), title=f"profile likelihood, {100.0 * LEVEL:.0f} % intervals")
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
     if open_ends:
@@ -55,7 +55,7 @@ def fit_lines(fits: Sequence[RecordFit]) -> list[str]:
             figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
             rows.append((each.record.name, word, name, f"{value:.3g}{_unit(unit)}", *figures))
     headings = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
-    return table(headings, rows, left=3, title="free simulation: initial states and biases alone are of the record itself")
+    return table_lines(columns_of(headings, rows, left=3), title="free simulation: initial states and biases alone are of the record itself")
 
 
 def _end(each: ProfileInterval, side: int) -> str:

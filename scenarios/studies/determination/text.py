@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from scenarios.studies.determination.determine import MethodDetermination
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.tables import Column, print_table
 
 KEPT = 0.95  # of the prior's deviation: above it a record has said nothing to speak of
 SHOWN = 3  # directions of each kind that are named
@@ -25,7 +26,7 @@ def print_determination(methods: Sequence[MethodDetermination], out: Console) ->
     right = [
         Column(f"{a}, prior", [f"{100 * each[name]:.0f} %" if name in each else "-" for name in shown]) for a, each in zip(labels, share, strict=True)
     ]
-    print_table(out, "sigma over the prior's, and share of the variance that the prior gives", [Column("parameter", shown, left=True), *left], right)
+    print_table(out, "sigma over the prior's, and share of the variance that the prior gives", [Column("parameter", shown, left=True), *left, *right])
     rest = len(first.names) - len(shown)
     if rest:
         print_paragraph(out, f"the other {rest} of {len(first.names)} parameters keep more than {KEPT:g} of their prior's sigma with every method", 0)

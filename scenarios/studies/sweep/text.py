@@ -6,7 +6,8 @@ from rich.console import Console
 
 from scenarios.studies.sweep.criteria import Criterion, criteria_of
 from scenarios.studies.sweep.sweep import Sweep, SweepPoint
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.tables import Column, print_table
 
 LEAST = -20  # logarithm of a probability below which its size says no more
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
@@ -26,8 +27,7 @@ def print_sweep(sweep: Sweep, out: Console) -> None:
         out.print()
         title = f"{found.estimation.label}: error against the condensed derivatives in % (in standard deviations)"
         rows = [Column(name, [_error(point, number, name) for point in sweep.points]) for name in sweep.rigid if name in found.names]
-        half = (len(rows) + 1) // 2
-        print_table(out, title, [factors, *rows[:half]], rows[half:])
+        print_table(out, title, [factors, *rows])
     out.print()
     for each in criteria:
         print_paragraph(out, criterion_sentence(each, sweep), indent=0)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ident.statistics.shares import clopper_pearson, clustered_share
-from scenarios.terminal.plain_tables import table
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.calibration import Statement, reliability
 from scenarios.trials.papers.kinds import KINDS
 from scenarios.trials.papers.paper import Mark
@@ -57,7 +57,7 @@ def summary_table(marks: Sequence[Mark]) -> list[str]:
     rows += _by(marks, lambda mark: (mark.paper.model,))
     rows += _by(marks, lambda mark: (mark.paper.group,))
     rows += _by(marks, lambda mark: mark.paper.hidden)
-    return table(HEADINGS, rows)
+    return table_lines(columns_of(HEADINGS, rows))
 
 
 def reliability_table(statements: Sequence[Statement]) -> list[str]:
@@ -66,7 +66,7 @@ def reliability_table(statements: Sequence[Statement]) -> list[str]:
     for item in reliability(statements):
         right = f"{100.0 * item.right / item.count:.0f}" if item.count else ""
         rows.append((f"{100 * item.low:.0f} to {100 * item.high:.0f}", str(item.count), f"{100.0 * item.said:.1f}", right, _span(item.interval)))
-    return table(("probability said, %", "names", "mean said, %", "right, %", "95 % interval"), rows)
+    return table_lines(columns_of(("probability said, %", "names", "mean said, %", "right, %", "95 % interval"), rows))
 
 
 def _by(marks: Sequence[Mark], names: Callable[[Mark], tuple[str, ...]]) -> list[tuple[str, ...]]:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.planted.study import Grade, Scored, TraceStudy
+
+DERIVATIVES = ("derivative", "unit", "true", "before", "after", "error, sigmas")
+EFFECTS = ("effect", "unit", "true", "estimate", "error, sigmas")
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
@@ -16,8 +20,8 @@ def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
     blocks = [
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
         diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table(("derivative", "unit", "true", "before", "after", "error, sigmas"), _rows(study.derivatives), left=2, title=_title(study)),
-        table(("effect", "unit", "true", "estimate", "error, sigmas"), [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2),
+        table_lines(columns_of(DERIVATIVES, _rows(study.derivatives), left=2), title=_title(study), width=width),
+        table_lines(columns_of(EFFECTS, [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2), width=width),
         [f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"

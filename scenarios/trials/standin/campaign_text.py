@@ -11,7 +11,7 @@ from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
-from scenarios.terminal.plain_tables import table
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.scoring import Share
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
 from scenarios.trials.standin.declaration import StandIn
@@ -38,12 +38,11 @@ def campaign_text(standin: StandIn, judged: Sequence[Judged]) -> str:
     false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
     blocks = [
         [f"{standin.name}: {len(judged)} flights, seeds {seeds[0]} to {seeds[-1]}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
-        table(("share", "count", "percent", "95 % interval"), rows),
+        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows)),
         false,
-        table(("hidden effect", "flights", "named alone", "in a group"), effects),
-        table(
-            ("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"),
-            derivatives,
+        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects)),
+        table_lines(
+            columns_of(("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"), derivatives),
             title="within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative",
         ),
     ]

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.terminal.plain_tables import WIDTH, table
+from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.standin.fitting import declared_model, left_over
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn
 from scenarios.trials.standin.flights.flight import Flight
 from scenarios.trials.standin.study import StandInStudy
+
+DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
 
 
 def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
@@ -18,7 +21,7 @@ def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
     blocks = [
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
         diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table(("derivative", "nominal", "before", "after", "before, %", "after, %"), _rows(study), title="derivatives against the nominal ones"),
+        table_lines(columns_of(DERIVATIVES, _rows(study)), title="derivatives against the nominal ones", width=width),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"

@@ -6,7 +6,8 @@ import numpy as np
 from rich.console import Console
 
 from scenarios.terminal.numbers import number
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.tables import Column, print_table
 from scenarios.x29.measures import LARGE
 from scenarios.x29.methods import MethodResult
 from scenarios.x29.paper.content import beside, noted_pairs
@@ -38,9 +39,8 @@ def print_triangle(out: Console, title: str, names: tuple[str, ...], C: np.ndarr
 
     columns = [Column("", names, left=True)]
     columns += [Column(name.replace("alpha", "al").replace("delta", "de"), [cell(i, j) for i in range(len(names))]) for j, name in enumerate(names)]
-    half = 8
     out.print()
-    print_table(out, title, columns[:half], columns[half:])
+    print_table(out, title, columns)
 
 
 def _states(study: LoopStudy, column: str, out: Console) -> None:
@@ -57,7 +57,7 @@ def _states(study: LoopStudy, column: str, out: Console) -> None:
     columns = [Column("state", list(rows), left=True), *block("initial", "initial"), *block("initial_variance", "P0")]
     further = [*block("final", "final"), *block("final_variance", "variance"), *block("R", "R"), *block("Q", "Q")]
     out.print()
-    print_table(out, f"{TITLES[column]} and the paper's procedure on this record (plain bank, {study.plain.delay:.3f} s)", columns, further)
+    print_table(out, f"{TITLES[column]} and the paper's procedure on this record (plain bank, {study.plain.delay:.3f} s)", [*columns, *further])
     print_paragraph(out, "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral density; R of nz stands with nz_0")
 
 
@@ -86,7 +86,7 @@ def _methods(study: LoopStudy, column: str, out: Console) -> None:
         Column("off, %", [*(f"{100.0 * off(m, column):.0f}" for m in found), ""]),
     ]
     out.print()
-    print_table(out, "methods by name", columns[:7], columns[7:])
+    print_table(out, "methods by name", columns)
     print_paragraph(out, f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the published ones")
 
 

@@ -1,47 +1,88 @@
-"""Tables and paragraphs in terminals of any width: no number is cut, no line runs past the edge."""
+"""Tables and paragraphs in terminals of any width: whatever is printed is read back whole, no line runs past the edge without need."""
 
 from __future__ import annotations
 
 import io
+import re
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.console import Console
 
+from ident.tracing.diagnosis import Verdict
 from scenarios.commands.campaign import _print
+from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.studies.campaign import Campaign, Spread
-from scenarios.terminal.rich_tables import Column, print_paragraph, print_table
+from scenarios.terminal.paragraphs import WIDTH, folded, print_paragraph, shortened, wrapped
+from scenarios.terminal.tables import Column, columns_of, print_table, table_lines
+from tests.diagnoses import proven_tracing, tracing_of
+from tests.printed_tables import closed, read_back
 
-NAMES = [f"parameter_{i}" for i in range(3)]
-NUMBERS = {
-    heading: [f"{sign}{i}.2345e-0{k}" for i, sign in enumerate(("", "-", "+"))] for k, heading in enumerate(("true", "estimate", "error, sigmas"))
-}
-FURTHER = {"published": ["1.0", "2.0", ""], "off, own sigmas": ["+111.4", "-0.5", ""]}
+NUMBER = st.floats(-1e9, 1e9).map(lambda value: f"{value:.6g}") | st.floats(1e-4, 1.0).map(lambda s: f"{10 * s:.4f} +- {s:.4f}")
+WORD = st.sampled_from(
+    ["", "converged", "sensor-lag:alpha", "at its bound", "like vane-offset, unmeasured-input", "0.061 +- 0.002 s, start 17.976 s"]
+)
+WIDTHS = st.sampled_from([40, 80, 120, WIDTH])
 
 
-def printed(width: int) -> list[str]:
+@st.composite
+def tables(draw: st.DrawFn) -> list[Column]:
+    count, rows = draw(st.integers(1, 9)), draw(st.integers(1, 5))
+    kinds = draw(st.lists(st.booleans(), min_size=count, max_size=count))
+    cells = [draw(st.lists(WORD if left else NUMBER, min_size=rows, max_size=rows)) for left in kinds]
+    names = Column("parameter", [f"Cm_alpha_{i}" for i in range(rows)], left=True)
+    return [names, *(Column(f"heading {i} of it", each, left=left) for i, (left, each) in enumerate(zip(kinds, cells, strict=True)))]
+
+
+def on_console(width: int, title: str, columns: list[Column]) -> list[str]:
     out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
-    columns = [Column("parameter", NAMES, left=True), *(Column(heading, cells) for heading, cells in NUMBERS.items())]
-    print_table(out, "a title [1]", columns, [Column(heading, cells) for heading, cells in FURTHER.items()])
+    print_table(out, title, columns)
     assert isinstance(out.file, io.StringIO)
     return out.file.getvalue().splitlines()
 
 
-@pytest.mark.parametrize(("width", "framed", "tables"), [(120, True, 1), (70, False, 1), (50, False, 2)])
-def test_every_number_is_whole_at_any_width(width: int, framed: bool, tables: int) -> None:
-    lines = printed(width)
-    text = "\n".join(lines)
-    assert "a title [1]" in text
-    assert all(len(line) <= width for line in lines)
-    for cells in (*NUMBERS.values(), *FURTHER.values()):
-        assert all(cell in text for cell in cells)
-    assert ("│" in text) is framed
-    assert sum(NAMES[0] in line for line in lines) == tables
+@given(tables(), WIDTHS)
+@settings(max_examples=80)
+def test_what_is_printed_is_read_back_and_every_number_is_whole(columns: list[Column], width: int) -> None:
+    lines = table_lines(columns, width=width)
+    found = read_back(lines)
+    assert found == {closed([column.heading]): [closed([cell]) for cell in column.cells] for column in columns}
+    printed = re.split(r"\s\s+|\n", "\n".join(lines))
+    for column in columns:
+        for cell in column.cells:
+            for number in re.findall(r"\d[\d.e+-]*(?: \+- [\d.]+)?", cell) if not column.left or "+-" in cell else ():
+                assert any(number in part for part in printed), number
+    assert all(len(line) <= width for line in lines), "two columns of this size fit any of these terminals"
+    assert on_console(width, "", columns) == lines
 
 
-@pytest.mark.parametrize("width", [80, 120])
+def test_a_table_that_fits_is_one_block_with_numbers_at_the_right() -> None:
+    rows = [("1", "sensor-lag:alpha", "420.0", "like vane-offset"), ("2", "saturation", "9.3", "")]
+    lines = table_lines(columns_of(("round", "candidate", "gain", "remarks"), rows, 2, ("remarks",)), title="a title [1]")
+    assert lines[0] == "a title [1]" and len(lines) == 5
+    assert lines[3].index("420.0") + 5 == lines[4].index("9.3") + 3, "numbers end in one column"
+    assert lines[3].index("sensor") == lines[4].index("saturation")
+    assert table_lines(columns_of(("a",), [])) == []
+    assert on_console(120, "a title [1]", columns_of(("a", "b"), [("1", "2")]))[0] == "a title [1]"
+
+
+def test_a_name_longer_than_its_column_is_parted_behind_a_colon_or_a_hyphen() -> None:
+    rows = [("1", "guard:drifting-derivatives:side_force", "7.0", "x" * 40), ("2", "a", "8.0", "b c d " * 9)]
+    lines = table_lines(columns_of(("round", "candidate", "gain", "remarks"), rows, 2, ("remarks",)), width=85)[2:]
+    assert [line.split()[:2] for line in lines[:2]] == [["1", "guard:drifting-derivatives:"], ["side_force"]]
+
+
+def test_blocks_begin_with_the_columns_that_name_the_row() -> None:
+    columns = columns_of(("round", "candidate", "gain", "p"), [("1", "lag", "123456789.0", "1e-300")] * 2, left=2)
+    text = "\n".join(table_lines(columns, width=30, keys=2))
+    assert text.count("candidate") == 2 and text.count("123456789.0") == 2
+
+
+@pytest.mark.parametrize("width", [40, 80, 120])
 def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     spreads = [Spread(name, "1/rad", -34.75, -0.0712345, 0.0031, 0.0029, 0.683, 0.954, (0.158, 1.0)) for name in ("Cm_alpha", "Cm_q")]
     named: Any = SimpleNamespace(name="rigid", label="output error")
@@ -50,17 +91,15 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
     assert isinstance(out.file, io.StringIO)
     text = out.file.getvalue()
-    assert "…" not in text and all(len(line) <= width for line in text.splitlines())
+    assert all(len(line) <= width for line in text.splitlines())
     for cell in ("reference", "-34.75", "-0.0712", "0.0031", "0.0029", "95.4 %", "15.8 to 100.0 %", "68.3 %"):
         assert cell in text, cell
 
 
-def test_numbers_stand_at_the_right_and_names_at_the_left() -> None:
-    for width in (120, 50):
-        rows = [line for line in printed(width) if "parameter_" in line and "e-00" in line]
-        ends = {line.index("e-00") for line in rows}
-        assert len(rows) == 3 and len(ends) == 1
-        assert len({line.index("parameter_") for line in rows}) == 1
+@pytest.mark.parametrize("width", [80, 100, WIDTH])
+def test_a_diagnosis_fits_its_terminal(width: int) -> None:
+    for tracing in (proven_tracing(), *(tracing_of(verdict) for verdict in Verdict)):
+        assert max(len(line) for line in diagnosis_text(tracing, width).splitlines()) <= width
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])
@@ -72,3 +111,18 @@ def test_paragraphs_are_folded_at_words_and_keep_brackets(width: int) -> None:
     lines = out.file.getvalue().splitlines()
     assert all(line.startswith("  ") and len(line) <= min(width, 100) for line in lines)
     assert " ".join(" ".join(lines).split()) == " ".join(text.split())
+
+
+@given(st.integers(12, 60))
+def test_a_quantity_is_never_torn(width: int) -> None:
+    text = "alpha is late by 0.061 +- 0.002 s and the pitch rate is read 3.4 deg/s too small"
+    for lines in (folded(text, width), wrapped(text, width), [shortened(text, width)]):
+        told = "\n".join(lines)
+        assert "0.061" not in told or "0.061 +- 0.002 s" in told
+        assert "3.4" not in told or "3.4 deg/s" in told
+    assert len(shortened(text, width)) <= width and shortened(text, 200, "outcome  ") == f"outcome  {text}"
+
+
+def test_a_paragraph_moves_its_further_lines_in_and_a_path_stays_whole() -> None:
+    assert wrapped("one two three", 10) == ["one two", "  three"] and wrapped("") == []
+    assert shortened("/a/long/path/to/report.html and more", 12) == "/a/long/path/to/report.html"

@@ -1,0 +1,53 @@
+"""Paragraphs that fit a terminal: folded between words, a quantity with its sigma and unit never torn."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import textwrap
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
+TEXT_WIDTH = 100  # of a paragraph; longer lines are hard to read
+_FIXED = "\N{NO-BREAK SPACE}"
+_JOINED = re.compile(r" (?=\+- )|(?<=\+-) |(?<=\d) (?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))")  # blanks that hold a quantity together
+
+
+def terminal_width() -> int:
+    """Columns that a print may use."""
+    return min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1) if sys.stdout.isatty() else WIDTH
+
+
+def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
+    """A text on lines of ``width`` characters; what is longer than a line and cannot be folded stands on one of its own, whole."""
+    lines = textwrap.wrap(
+        _JOINED.sub(_FIXED, text), max(width, 1), initial_indent=first, subsequent_indent=further, break_on_hyphens=False, break_long_words=False
+    )
+    return [line.replace(_FIXED, " ") for line in lines] or [first]
+
+
+def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
+    """A paragraph folded at words; its further lines are moved in. Nothing where there is no text."""
+    return folded(text, width, indent, indent + "  ") if text else []
+
+
+def shortened(text: str, width: int, label: str = "") -> str:
+    """One line of ``width`` characters behind ``label``: whole words, and dots where there is more to say."""
+    limit = max(width - len(label), 1)
+    words = _JOINED.sub(_FIXED, text)
+    first = words.split(" ")[0]
+    if len(first) > limit:  # a path is no use without its end
+        return label + first.replace(_FIXED, " ")
+    lines = textwrap.wrap(words, limit, break_on_hyphens=False, break_long_words=False, max_lines=1, placeholder=" ...")
+    return label + (lines[0] if lines else "").replace(_FIXED, " ")
+
+
+def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
+    """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
+    margin = " " * indent
+    for line in folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin):
+        out.print(line, highlight=False, markup=False, soft_wrap=True)
