@@ -8,6 +8,8 @@ import sys
 import textwrap
 from typing import TYPE_CHECKING
 
+from scenarios.terminal.listening import heard_of
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -48,6 +50,9 @@ def shortened(text: str, width: int, label: str = "") -> str:
 
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
+    if (heard := heard_of(out)) is not None:
+        heard.append(text)
+        return
     margin = " " * indent
     for line in folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin):
         out.print(line, highlight=False, markup=False, soft_wrap=True)

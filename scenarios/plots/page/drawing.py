@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
@@ -12,18 +11,10 @@ from matplotlib.figure import Figure
 from scenarios.plots.files import Named, save_figure
 from scenarios.plots.formats import Formats
 from scenarios.plots.page.captions import caption_of
+from scenarios.plots.page.named import Drawn
 from scenarios.plots.page.renderer import PageRenderer
 
 POINTS = 72.0
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A figure of a page: the ``stem`` of its files, the element, and a caption."""
-
-    stem: str
-    svg: str
-    caption: str
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:

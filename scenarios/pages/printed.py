@@ -1,0 +1,73 @@
+"""What a command prints, as blocks of a page: numbers become numbers again, with the unit that their heading or their row gives them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from scenarios.pages.model import BY_ROW, Block, Column, Prose, Table
+from scenarios.pages.numbers import PURE, Cell, Number, read_cell, signs
+from scenarios.terminal.listening import Told, listened
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+SIGMA = ("+- sigma", "± sigma")  # headings of a column that belongs to the number before it
+UNIT = "unit"
+NO_UNIT = ("runs", "gain", "pass", "delay candidates")
+_BEHIND = re.compile(r", (?P<unit>s|Hz|deg|rad|%|dB|m|m/s|rad/s)$")
+
+
+def printed_blocks(show: Callable[[Console], object]) -> list[Block]:
+    """The tables and sentences that ``show`` prints on a console."""
+    return [Prose(each) if isinstance(each, str) else told_table(each) for each in listened(show)]
+
+
+def told_table(told: Told) -> Table:
+    """A printed table; a column of sigmas joins the numbers before it, a column of units becomes that of the rows."""
+    count = len(told.columns[0][1])
+    units: tuple[str, ...] = next((cells for heading, cells in told.columns if heading == UNIT), ())
+    headings: list[str] = []
+    columns: list[list[Cell]] = []
+    for heading, cells in told.columns:
+        if heading == UNIT:
+            continue
+        read = [read_cell(cell) for cell in cells]
+        if heading in SIGMA and columns and not any(isinstance(cell, Number) and cell.sigma for cell in columns[-1]):
+            columns[-1] = [_with_sigma(cell, sigma) for cell, sigma in zip(columns[-1], read, strict=True)]
+            continue
+        headings.append(heading)
+        columns.append(read)
+    rows = tuple(tuple(column[at] for column in columns) for at in range(count))
+    made = tuple(_column(heading, column, bool(units)) for heading, column in zip(headings, columns, strict=True))
+    return Table(told.title, made, rows, tuple(unit or PURE for unit in units))
+
+
+def rows_table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[str]], printed: int | None = None) -> Table:
+    """A table of which there are texts by row."""
+    cells = tuple(tuple(row[at] for row in rows) for at in range(len(headings)))
+    made = told_table(Told(caption, tuple(zip(headings, cells, strict=True)))) if rows else Table(caption, tuple(map(Column, headings)), ())
+    return Table(caption, made.columns, made.rows, made.units, printed)
+
+
+def _with_sigma(cell: Cell, sigma: Cell) -> Cell:
+    if not isinstance(cell, Number) or not isinstance(sigma, Number):
+        return cell
+    return Number(cell.value, sigma.value, cell.unit, shown=signs(f"{cell.shown} ± {sigma.shown}"))
+
+
+def _column(heading: str, cells: Sequence[Cell], by_row: bool) -> Column:
+    numbers = [cell for cell in cells if isinstance(cell, Number)]
+    if not numbers:
+        return Column(heading)
+    behind = _BEHIND.search(heading)
+    if behind is not None:
+        return Column(heading[: behind.start()], behind["unit"])
+    if "sigmas" in heading:
+        return Column(heading, "σ" if heading.endswith("sigmas") and "," in heading else PURE)
+    if heading.endswith(" %"):
+        return Column(heading.removesuffix(" %"), "%")
+    if all(cell.unit for cell in numbers) or not by_row:
+        return Column(heading, PURE)
+    return Column(heading, BY_ROW)
