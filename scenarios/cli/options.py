@@ -42,7 +42,11 @@ Noise = Annotated[
 ]
 Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help="With --model: length of the record, s.")]
 SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
-Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
+Figures = Annotated[
+    list[str] | None,
+    typer.Option("--figures", metavar="FORMAT,...", help="Figures as png (usual), svg or pdf, several with commas; or none."),
+]
+NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, as --figures none.")]
 Class = Annotated[str | None, typer.Option("--class", metavar="I..IV", help="Class of the aircraft, for levels of flying qualities; II-C: carrier.")]
 Category = Annotated[str | None, typer.Option("--category", metavar="A|B|C", help="Category of the flight phase: A rapid, B gradual, C terminal.")]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]

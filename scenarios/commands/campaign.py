@@ -5,15 +5,20 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from scenarios.commands.failures import named_after
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.console import Console
 
     from scenarios.trials.planted.own_flight import OwnFlight
@@ -21,18 +26,21 @@ if TYPE_CHECKING:
 LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
-def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats) -> None:
     """The same of a user's own model in a flight that the command line describes."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.scenario_file.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
     scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
-    _run(scenario, asked.model, runs, seed, out)
+    _run(scenario, asked.model, runs, seed, out, figures)
 
 
-def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None) -> None:
-    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main."""
+def run_campaign(
+    name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None, figures: Formats = USUAL
+) -> None:
+    """Run, print, and write ``campaign.json``, ``estimates.csv`` and its figure into ``out``; of a scenario of estimators by one ``method``,
+    else its main."""
     from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
 
     kind = "" if name in LOOP else scenario_kind(name)
@@ -48,7 +56,7 @@ def run_campaign(name: str, runs: int, seed: int | None, out: Path | None, chang
 
         standin_campaign(name, runs, seed, out, changes)
         return
-    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, method or "main")
+    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, figures, method or "main")
 
 
 def refuse_method(method: str | None) -> None:
@@ -57,12 +65,12 @@ def refuse_method(method: str | None) -> None:
         raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
 
 
-def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main") -> None:
+def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, figures: Formats, method: str = "main") -> None:
     with named_after(file):
         campaign = fly_campaign(scenario, runs, seed, method)
     _print(campaign)
     if out is not None:
-        _write(campaign, out)
+        _write(campaign, out, figures)
         print(f"written to {out}")
 
 
@@ -92,7 +100,7 @@ def _print(campaign: Campaign, out: Console | None = None) -> None:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
 
-def _write(campaign: Campaign, out: Path) -> None:
+def _write(campaign: Campaign, out: Path, figures: Formats) -> None:
     from scenarios.files.folders import study_folder
     from scenarios.files.versions import versions
     from scenarios.files.writing import write_json
@@ -104,6 +112,10 @@ def _write(campaign: Campaign, out: Path) -> None:
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        if figures:
+            from scenarios.plots.files import save_figures
+
+            save_figures([("campaign", partial(_figure, campaign))], scratch, figures)
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,
@@ -120,6 +132,20 @@ def _write(campaign: Campaign, out: Path) -> None:
             "versions": versions(),
         }
         write_json(scratch / "campaign.json", content)
+
+
+def _figure(campaign: Campaign) -> Figure:
+    from scenarios.plots.studies.campaign import Coverage, figure_campaign
+
+    def row(spread: Spread, sigmas: np.ndarray) -> Coverage:
+        low, high = spread.interval
+        return Coverage(spread.name, sigmas, 100.0 * spread.within_two, (100.0 * low, 100.0 * high))
+
+    reference = np.array([[spread.reference] for spread in campaign.spreads])
+    sigmas = (campaign.values - reference) / campaign.std
+    rows = [row(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
+    title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
+    return figure_campaign([*rows, row(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
 
 
 def _spread(s: Spread) -> dict[str, Any]:

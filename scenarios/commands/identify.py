@@ -44,7 +44,9 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, 
     return Options(names, band, engine)
 
 
-def identify_records(request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None) -> None:
+def identify_records(
+    request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None
+) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import read_record_files, refuse_twice
     from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_beside

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from ident.compatibility.result import CheckResult
+from ident.compatibility.result import Compatibility
 from scenarios.plots.compatibility import figure_reconstruction
 from scenarios.plots.files import Named
 
 
-def check_figures(result: CheckResult) -> Iterator[Named]:
+def check_figures(result: Compatibility) -> Iterator[Named]:
     """The figures of a check: the stem of each file, and what draws it."""
     for number, item in enumerate(result.reconstructions, start=1):
         stem = "reconstruction" if number == 1 else f"reconstruction_{number}"

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,7 +20,7 @@ from scenarios.plots.formats import PDF, PNG, SVG, USUAL, Formats
 Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and what draws it
 
 # Letters as outlines in SVG, so that it looks alike everywhere; as TrueType in PDF, so that its text can be searched.
-_VECTOR = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
+_VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
 _REFERENCE = re.compile(r'(\bid="|url\(#|href="#)')
 # What only a file needs: its description, and a rule of style that would hold for the whole page.
 _OF_FILE = re.compile(r"<metadata>.*?</metadata>\s*|<defs>\s*<style.*?</style>\s*</defs>\s*", re.DOTALL)

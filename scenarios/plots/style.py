@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from scenarios.plots.display import plain
 from sim.errors import ModelError
@@ -185,6 +186,13 @@ def y_label(panel: Axes, text: str, size: float = LABEL_SIZE) -> None:
 def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
     """A short line above a panel, at its left."""
     panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)
+
+
+def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
+    """Plain numbers at multiples of the powers of ten, nothing between."""
+    axis.set_major_locator(LogLocator(subs=multiples, numticks=9))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
 
 
 def _dress(panel: Axes) -> None:

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Changes, Duration, Inputs, Noise, Out, OwnModel, SampleRate, Scenario, Seed, TrueValues
+from scenarios.cli.options import Changes, Duration, Figures, Inputs, NoFigures, Noise, Out, OwnModel, SampleRate, Scenario, Seed, TrueValues
+from scenarios.plots.formats import formats_of
 
 
 def campaign(
@@ -21,6 +22,8 @@ def campaign(
     noise: Noise = None,
     duration: Duration = None,
     rate: SampleRate = None,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
@@ -29,7 +32,7 @@ def campaign(
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     if isinstance(what, str):
-        run_campaign(what, runs, seed, out, changes or [], method)
+        run_campaign(what, runs, seed, out, changes or [], method, formats_of(figures, no_figures))
     else:
         refuse_method(method)
-        own_campaign(what, runs, seed, out, changes or [])
+        own_campaign(what, runs, seed, out, changes or [], formats_of(figures, no_figures))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from scenarios.cli.options import Channels, Figures, From, Held, Lowpass, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import Channels, Figures, From, Held, Lowpass, NoFigures, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -18,10 +19,11 @@ def check(
     lowpass: Lowpass = None,
     trust: Trust = False,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
     from scenarios.commands.check import check_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, figures)
+    check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), out, formats_of(figures, no_figures))

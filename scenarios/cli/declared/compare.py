@@ -7,16 +7,18 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Figures
+from scenarios.cli.options import Figures, NoFigures
+from scenarios.plots.formats import formats_of
 
 
 def compare(
     studies: Annotated[list[str], typer.Argument(metavar="STUDY...", help="Study folders; FOLDER:METHOD is a further method of one.")],
     every: Annotated[bool, typer.Option("--methods", help="All methods of each study, not its main one alone.")] = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
 ) -> None:
     """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
     from scenarios.commands.compare import compare_studies
 
-    compare_studies(studies, out, every, figures)
+    compare_studies(studies, out, every, formats_of(figures, no_figures))

@@ -7,7 +7,24 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import (
+    Category,
+    Channels,
+    Class,
+    Figures,
+    From,
+    Held,
+    Lowpass,
+    Model,
+    NoFigures,
+    Out,
+    Rate,
+    Records,
+    To,
+    Trust,
+    VehicleBeside,
+)
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -32,11 +49,12 @@ def diagnose(
     aircraft_class: Class = None,
     category: Category = None,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    diagnose_records(request, out, figures)
+    diagnose_records(request, out, formats_of(figures, no_figures))

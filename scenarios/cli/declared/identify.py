@@ -7,7 +7,24 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Category, Channels, Class, Figures, From, Held, Lowpass, Model, Out, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import (
+    Category,
+    Channels,
+    Class,
+    Figures,
+    From,
+    Held,
+    Lowpass,
+    Model,
+    NoFigures,
+    Out,
+    Rate,
+    Records,
+    To,
+    Trust,
+    VehicleBeside,
+)
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -44,7 +61,8 @@ def identify(
         Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
     ] = None,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
 ) -> None:
     """Parameters of a model from measured records."""
     from scenarios.commands.identify import identify_records, options_of
@@ -53,4 +71,4 @@ def identify(
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    identify_records(request, method, out, figures, options_of(profile, band, engine), matrices)
+    identify_records(request, method, out, formats_of(figures, no_figures), options_of(profile, band, engine), matrices)

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Changes, Figures, Out, Seed
+from scenarios.cli.options import Changes, Figures, NoFigures, Out, Seed
+from scenarios.plots.formats import formats_of
 
 
 def run(
@@ -14,10 +15,11 @@ def run(
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     compare: Annotated[bool, typer.Option("--compare", help="Then put the studies side by side, as compare does.")] = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
     from scenarios.commands.run import run_and_compare, run_scenarios
 
-    (run_and_compare if compare else run_scenarios)(names, seed, out, changes or [], figures)
+    (run_and_compare if compare else run_scenarios)(names, seed, out, changes or [], formats_of(figures, no_figures))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.plots.tracing.pictured import Pictured, Replicated
 from sim.record import Channel, Hold, Record
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from scenarios.plots.formats import USUAL, Formats
 
 if TYPE_CHECKING:
-    from scenarios.plots.pictured import Pictured
+    from scenarios.plots.tracing.pictured import Pictured
 
 Process = subprocess.Popen[bytes]
 
@@ -72,8 +72,8 @@ def main() -> None:
     gc.disable()  # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
     from ident.tracing.diagnosis import Quantity
     from scenarios.diagnosis.report.figure_handover import unpacked
-    from scenarios.plots.diagnosis import figure_derivatives
     from scenarios.plots.files import figure_png
+    from scenarios.plots.tracing.derivatives import figure_derivatives
 
     one = {name: Quantity(1.0, 0.1, "1") for name in ("Cm_alpha", "CL_q", "alpha", "nz")}
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.plots.pictured import Pictured
+from scenarios.plots.tracing.pictured import Pictured
 
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
@@ -37,7 +37,9 @@ def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL, p
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     """File stems of all figures, and what makes each."""
-    from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra
+    from scenarios.plots.tracing.derivatives import figure_derivatives
+    from scenarios.plots.tracing.evidence import figure_evidence
+    from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra
 
     kind, noise = pictured.kind, pictured.noise
     out: list[tuple[str, Callable[[], Figure]]] = []
@@ -53,7 +55,7 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     if pictured.before and pictured.after:
         out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
     if pictured.replicated:
-        from scenarios.plots.replication import figure_replication
+        from scenarios.plots.tracing.replication import figure_replication
 
         out.append(("replication", partial(figure_replication, pictured.replicated, "Parameters by record")))
     return out

@@ -22,7 +22,7 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.plots.formats import PNG, USUAL, Formats
-from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.plots.tracing.pictured import Pictured, Replicated
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"

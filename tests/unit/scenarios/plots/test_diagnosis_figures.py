@@ -10,11 +10,13 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 from ident.tracing.diagnosis import FittedRecord, Quantity, Verdict
-from scenarios.plots.diagnosis import figure_derivatives, figure_evidence, figure_held_out, figure_residuals, figure_spectra, spectrum
 from scenarios.plots.files import figure_png
-from scenarios.plots.pictured import Replicated
-from scenarios.plots.replication import figure_replication
 from scenarios.plots.style import BLUE
+from scenarios.plots.tracing.derivatives import figure_derivatives
+from scenarios.plots.tracing.evidence import figure_evidence
+from scenarios.plots.tracing.pictured import Replicated
+from scenarios.plots.tracing.replication import figure_replication
+from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra, spectrum
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
 
 

@@ -124,7 +124,7 @@ def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
         assert first == second
         # Neither a date nor a program's version: no chunk of text in the file.
         assert not any(chunk in first for chunk in (b"tEXt", b"iTXt", b"zTXt", b"tIME"))
-    path = save_figure(FIGURES["fit"](studies), tmp_path, "fit")
+    (path,) = save_figure(FIGURES["fit"](studies), tmp_path, "fit")
     assert path == tmp_path / "fit.png"
     assert path.read_bytes() == figure_png(FIGURES["fit"](studies))
 

@@ -157,8 +157,8 @@ def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path
 
 def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
     picture = pictured(tracing_of(Verdict.PARTIAL, LOES, count=60))
-    again, folder = unpacked(packed(picture, tmp_path))
-    assert folder == tmp_path
+    again, folder, formats = unpacked(packed(picture, tmp_path, ("svg",)))
+    assert (folder, formats) == (tmp_path, ("svg",))
     assert again.before == picture.before and again.after == picture.after and again.noise == picture.noise
     assert [(c.name, c.gain, c.within) for c in again.candidates] == [(c.name, c.gain, c.within) for c in picture.candidates]
     for a, b in zip(again.fitted, picture.fitted, strict=True):
