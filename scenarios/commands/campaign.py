@@ -13,6 +13,7 @@ import numpy as np
 
 from scenarios.commands.failures import named_after
 from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread, fly_campaign
 from scenarios.studies.declaration import Scenario
 from sim.errors import DeclarationError
@@ -104,6 +105,8 @@ def _write(campaign: Campaign, out: Path, figures: Formats) -> None:
     from scenarios.files.folders import study_folder
     from scenarios.files.versions import versions
     from scenarios.files.writing import write_json
+    from scenarios.pages.folder import write_page
+    from scenarios.studies.report.campaign import campaign_page
 
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
@@ -112,10 +115,12 @@ def _write(campaign: Campaign, out: Path, figures: Formats) -> None:
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.files import save_figures
+            from scenarios.plots.page.drawing import drawn_for_page
 
-            save_figures([("campaign", partial(_figure, campaign))], scratch, figures)
+            drawn = drawn_for_page([("campaign", partial(_figure, campaign))], scratch, figures)
+        write_page(scratch, campaign_page(campaign, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,

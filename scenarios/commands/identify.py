@@ -22,6 +22,7 @@ from scenarios.identification.input_reading import opposite, other_reading, read
 from scenarios.identification.methods import FILTERS, METHODS, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
 from scenarios.plots.formats import Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.preparation.plausibility import refuse_strangers
 from scenarios.preparation.record_words import record_content, record_lines
 from scenarios.preparation.request import Request, column_choices, flown_of
@@ -155,6 +156,8 @@ def _write(
     """The study; ``files`` are those of the fit and those that were predicted."""
     from scenarios.files.folders import study_folder
     from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
+    from scenarios.identification.page import identification_page
+    from scenarios.pages.folder import write_page
 
     with study_folder(out, "comparison.json") as scratch:
         for fit in found.fits[:1]:
@@ -164,12 +167,15 @@ def _write(
             write_record(scratch, record, "record" if number == 1 else f"record_{number}")
         for file in (*files[0], *files[1]):
             _spare_inputs(scratch, out, file.path)
+        drawn: tuple[Drawn, ...] = ()
+        fitted, predicted = identities(files[0]), identities(files[1])
         if figures:
             from scenarios.identification.figures import identification_figures
-            from scenarios.plots.files import save_figures
+            from scenarios.plots.page.drawing import drawn_for_page
 
-            save_figures(identification_figures(found, measured[0]), scratch, figures)
-        write_json(scratch / "comparison.json", identification_content(found, identities(files[0]), flown, identities(files[1])))
+            drawn = drawn_for_page(identification_figures(found, measured[0]), scratch, figures)
+        write_page(scratch, identification_page(found, flown, fitted, predicted, drawn))
+        write_json(scratch / "comparison.json", identification_content(found, fitted, flown, predicted))
 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:

@@ -31,10 +31,10 @@ def print_check(check: Check, out: Console | None = None) -> None:
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:
-        _print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
         if len(check.records) > 1:
-            _print_by_record(out, result.single, result.joint)
-        noise = ", ".join(f"{name} {std:.3g} {_unit(check, name)}" for name, std in result.joint.noise_std.items())
+            print_by_record(out, result.single, result.joint)
+        noise = ", ".join(f"{name} {std:.3g} {unit_of(check, name)}" for name, std in result.joint.noise_std.items())
         print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {noise}")
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
@@ -96,7 +96,8 @@ def _sensor(channel: str) -> str:
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
-def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
+def print_estimates(out: Console, title: str, result: CheckResult) -> None:
+    """Every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
     print_table(
@@ -116,7 +117,7 @@ def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
     )
 
 
-def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
     """The smoother's value of every fault in each record by itself."""
     names = [item.name for item in joint.estimates]
     by_name = [{item.name: item for item in result.estimates} for result in single]
@@ -133,7 +134,8 @@ def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRe
     print_table(out, "", columns)
 
 
-def _unit(check: Check, name: str) -> str:
+def unit_of(check: Check, name: str) -> str:
+    """The unit of a channel."""
     return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
 
 

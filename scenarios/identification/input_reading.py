@@ -54,12 +54,16 @@ def other_reading(used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row]
 
 def reading_rows(reading: OtherReading) -> list[str]:
     """A table of the values under each reading, a line each."""
+    return table_lines(columns_of(*reading_table(reading), left=2))
+
+
+def reading_table(reading: OtherReading) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings, and a row for each parameter that moves."""
     rows = [
         (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
         for row, new in reading.moved
     ]
-    headings = ("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by")
-    return table_lines(columns_of(headings, rows, left=2))
+    return ("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by"), rows
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:

@@ -78,4 +78,8 @@ def read_cell(text: str) -> Cell:
 
 def signs(text: str) -> str:
     """Signs as they are printed in books."""
-    return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text.replace("+-", "±").replace("->", "→"))
+    return re.sub(
+        r"(?<![\w.])-(?=[\d.])",
+        "−",
+        text.replace(" +- ", " ± ").replace("+-", "±").replace("->", "→").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}"),
+    )

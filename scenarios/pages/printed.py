@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from scenarios.pages.model import BY_ROW, Block, Column, Prose, Table
 from scenarios.pages.numbers import PURE, Cell, Number, read_cell, signs
+from scenarios.pages.wording import capital, sentence
 from scenarios.terminal.listening import Told, listened
 
 if TYPE_CHECKING:
@@ -15,19 +17,24 @@ if TYPE_CHECKING:
 
 SIGMA = ("+- sigma", "± sigma")  # headings of a column that belongs to the number before it
 UNIT = "unit"
-NO_UNIT = ("runs", "gain", "pass", "delay candidates")
-_BEHIND = re.compile(r", (?P<unit>s|Hz|deg|rad|%|dB|m|m/s|rad/s)$")
+SIGMAS = "σ"
+_BEHIND = re.compile(r", (?P<unit>sigmas|s|Hz|deg|rad|%|dB|m|m/s|rad/s)$")  # what stands behind the words of a heading
 
 
-def printed_blocks(show: Callable[[Console], object]) -> list[Block]:
-    """The tables and sentences that ``show`` prints on a console."""
-    return [Prose(each) if isinstance(each, str) else told_table(each) for each in listened(show)]
+def printed_blocks(show: Callable[[Console], object], units: Mapping[str, str] = MappingProxyType({})) -> list[Block]:
+    """The tables and sentences that ``show`` prints on a console; ``units`` as in ``told_table``."""
+    return [Prose(sentence(each)) if isinstance(each, str) else told_table(each, units) for each in listened(show)]
 
 
-def told_table(told: Told) -> Table:
-    """A printed table; a column of sigmas joins the numbers before it, a column of units becomes that of the rows."""
+def told_table(told: Told, known: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """A printed table; a column of sigmas joins the numbers before it, a column of units becomes that of the rows.
+
+    ``known`` are units by what stands at the head of a column, or at the begin of a row where the table has no units.
+    """
     count = len(told.columns[0][1])
     units: tuple[str, ...] = next((cells for heading, cells in told.columns if heading == UNIT), ())
+    if not units and any(name in known for name in told.columns[0][1]):
+        units = tuple(known.get(name, PURE) for name in told.columns[0][1])
     headings: list[str] = []
     columns: list[list[Cell]] = []
     for heading, cells in told.columns:
@@ -40,14 +47,20 @@ def told_table(told: Told) -> Table:
         headings.append(heading)
         columns.append(read)
     rows = tuple(tuple(column[at] for column in columns) for at in range(count))
-    made = tuple(_column(heading, column, bool(units)) for heading, column in zip(headings, columns, strict=True))
-    return Table(told.title, made, rows, tuple(unit or PURE for unit in units))
+    made = tuple(_column(heading, column, known.get(heading, BY_ROW if units else PURE)) for heading, column in zip(headings, columns, strict=True))
+    return Table(capital(told.title), made, rows, tuple(unit or PURE for unit in units))
 
 
-def rows_table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[str]], printed: int | None = None) -> Table:
-    """A table of which there are texts by row."""
+def rows_table(
+    caption: str,
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    printed: int | None = None,
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> Table:
+    """A table of which there are texts by row; ``printed`` as in ``Table``, ``units`` as in ``told_table``."""
     cells = tuple(tuple(row[at] for row in rows) for at in range(len(headings)))
-    made = told_table(Told(caption, tuple(zip(headings, cells, strict=True)))) if rows else Table(caption, tuple(map(Column, headings)), ())
+    made = told_table(Told(caption, tuple(zip(headings, cells, strict=True))), units) if rows else Table(caption, tuple(map(Column, headings)), ())
     return Table(caption, made.columns, made.rows, made.units, printed)
 
 
@@ -57,17 +70,14 @@ def _with_sigma(cell: Cell, sigma: Cell) -> Cell:
     return Number(cell.value, sigma.value, cell.unit, shown=signs(f"{cell.shown} ± {sigma.shown}"))
 
 
-def _column(heading: str, cells: Sequence[Cell], by_row: bool) -> Column:
+def _column(heading: str, cells: Sequence[Cell], usual: str) -> Column:
     numbers = [cell for cell in cells if isinstance(cell, Number)]
+    shown = capital(heading) if not heading else heading
     if not numbers:
-        return Column(heading)
+        return Column(shown)
     behind = _BEHIND.search(heading)
     if behind is not None:
-        return Column(heading[: behind.start()], behind["unit"])
-    if "sigmas" in heading:
-        return Column(heading, "σ" if heading.endswith("sigmas") and "," in heading else PURE)
+        return Column(heading[: behind.start()], SIGMAS if behind["unit"] == "sigmas" else behind["unit"])
     if heading.endswith(" %"):
         return Column(heading.removesuffix(" %"), "%")
-    if all(cell.unit for cell in numbers) or not by_row:
-        return Column(heading, PURE)
-    return Column(heading, BY_ROW)
+    return Column(shown, PURE if all(cell.unit for cell in numbers) else usual)

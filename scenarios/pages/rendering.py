@@ -100,7 +100,9 @@ def _style() -> str:
     light = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", style[: style.index("}")]))
     dark = "color-scheme: dark; " + " ".join(f"--{name}: {colour};" for name, colour in _DARK.items())
     style = style.replace("--dark: 1; /*DARK*/", dark)
-    return style.replace("/*LIGHT*/", " ".join(f"--{name}: {colour};" for name, colour in light.items())).replace("@media print", rules + "@media print", 1)
+    return style.replace("/*LIGHT*/", " ".join(f"--{name}: {colour};" for name, colour in light.items())).replace(
+        "@media print", rules + "@media print", 1
+    )
 
 
 def _digest(text: str) -> str:

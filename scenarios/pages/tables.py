@@ -9,9 +9,9 @@ from ident.flying_qualities.modal import MODAL_UNITS
 from ident.statistics.residuals import ResidualTest
 from scenarios.pages.model import BY_ROW, Column, Table
 from scenarios.pages.numbers import PURE, Cell, Number, estimate, known
+from scenarios.pages.printed import SIGMAS
 
-SIGMAS = "σ"
-_TESTS = {"ljung-box": "whiteness", "innovation-size": "size of the innovations"}
+_TESTS = {"ljung-box": "whiteness", "nis": "size of the innovations"}
 
 
 class Estimated(Protocol):
@@ -59,7 +59,7 @@ def estimates_table(caption: str, rows: Sequence[Estimated], starts: Mapping[str
     add("error", "%", [known(row.percent, 2, signed=True) for row in rows])
     add("error", SIGMAS, [known(row.sigmas, 2, signed=True) if row.std > 0 else "–" for row in rows])
     add("published", BY_ROW, [estimate(row.published.value, row.published.std) if row.published else "–" for row in rows])
-    add("published, error in its own", SIGMAS, [known(row.published_sigmas, 1, signed=True) for row in rows])
+    add("published, off", "its σ", [known(row.published_sigmas, 1, signed=True) for row in rows])
     add("start", BY_ROW, [known((starts or {}).get(row.name)) for row in rows])
     return Table(caption, tuple(columns), tuple(zip(*cells, strict=True)), tuple(row.unit for row in rows))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from rich.console import Console
@@ -41,7 +41,7 @@ def print_loop(study: LoopStudy, out: Console | None = None) -> None:
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
     _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
-    for table in (_states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
+    for table in list(TABLES.values())[1:]:
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
@@ -80,6 +80,7 @@ def _states(study: LoopStudy, out: Console) -> None:
     items = [system.initial[n] if n in system.state_names else system.parameters[n] for n in history.names]
     columns = [
         Column("state", list(history.names), left=True),
+        Column("unit", [item.unit for item in items], left=True),
         Column("initial", [f"{item.value:.3e}" for item in items]),
         Column("final", [f"{v:.3e}" for v in history.mean[:, -1]]),
         Column("initial variance", [f"{item.prior_std**2:.3e}" for item in items]),
@@ -218,3 +219,18 @@ def _variants(study: LoopStudy, out: Console) -> None:
 
 def _cells(values: Sequence[float]) -> list[str]:
     return [f"{value:.2f}" for value in values]
+
+
+# What is printed, by the heading under which it stands on a page, the estimate first.
+TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
+    "Estimate": _estimate,
+    "States of the filter": _states,
+    "Correlation": _correlation,
+    "Flying qualities": _qualities,
+    "Check by frequency response": _check,
+    "The paper's numbers": print_paper,
+    "Against the other study": _differences,
+    "Side by side": _together,
+    "Started again": _passes,
+    "With changes": _variants,
+}

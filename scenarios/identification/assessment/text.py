@@ -13,6 +13,10 @@ from scenarios.terminal.numbers import number
 from scenarios.terminal.quantities import displayed
 from scenarios.terminal.tables import columns_of, table_lines
 
+INTERVALS = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
+PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
+FITS = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
+SIMULATED = "free simulation: initial states and biases alone are of the record itself"
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 
 
@@ -26,9 +30,18 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
 
 def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[str]:
     """A table of the intervals, and a sentence on those that a sigma does not tell."""
-    rows = [(each.name, units.get(each.name, ""), _end(each, -1), _end(each, 1), _sides(each), "" if each.agrees else "no") for each in intervals]
-    headings = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
-    lines = table_lines(columns_of(headings, rows, left=2), title=f"profile likelihood, {100.0 * LEVEL:.0f} % intervals")
+    lines = table_lines(columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED)
+    return [*lines, *interval_sentences(intervals)]
+
+
+def interval_rows(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Cells below ``INTERVALS``."""
+    return [(each.name, units.get(each.name, ""), _end(each, -1), _end(each, 1), _sides(each), "" if each.agrees else "no") for each in intervals]
+
+
+def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
+    """What a sigma does not tell of them."""
+    lines = []
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
     if open_ends:
@@ -44,7 +57,12 @@ def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str
 
 def fit_lines(fits: Sequence[RecordFit]) -> list[str]:
     """A table of what the free simulations miss, a row for each record and channel."""
-    rows = []
+    return table_lines(columns_of(FITS, fit_rows(fits), left=3), title=SIMULATED)
+
+
+def fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, ...]]:
+    """Cells below ``FITS``."""
+    rows: list[tuple[str, ...]] = []
     for each in fits:
         word = "held out" if each.held_out else "fitted"
         if each.figures is None:
@@ -54,8 +72,7 @@ def fit_lines(fits: Sequence[RecordFit]) -> list[str]:
             value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
             figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
             rows.append((each.record.name, word, name, f"{value:.3g}{_unit(unit)}", *figures))
-    headings = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
-    return table_lines(columns_of(headings, rows, left=3), title="free simulation: initial states and biases alone are of the record itself")
+    return rows
 
 
 def _end(each: ProfileInterval, side: int) -> str:

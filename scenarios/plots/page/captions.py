@@ -33,7 +33,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compared_estimates": "Estimates of all studies with two sigmas",
         "compared_errors": "Errors of all studies",
         "compared_responses": "Outputs of all studies over time",
-        "coverage": "Estimates over all runs against the reference, and the share of intervals that hold it",
+        "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
         "watched": "Parameters while the stream arrived",
     }
 )

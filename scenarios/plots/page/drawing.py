@@ -15,6 +15,8 @@ from scenarios.plots.page.named import Drawn
 from scenarios.plots.page.renderer import PageRenderer
 
 POINTS = 72.0
+SCALE = 1.75  # pixels a point, where there is room
+FULL = 400.0  # points: a wider figure is moved sideways on a small screen rather than made too small to read
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
@@ -46,7 +48,9 @@ def page_svg(figure: Figure, stem: str) -> str:
         f'<clipPath id="{name}"><rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}"/></clipPath>' for (x, y, w, h), name in renderer.clips.items()
     )
     described = escape(description(figure), quote=True)
-    head = f'<svg viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="{described}">'
+    size = f'viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" height="{SCALE * height:.0f}"'
+    wide = ' class="full"' if width > FULL else ""
+    head = f'<svg {size}{wide} role="img" aria-label="{described}">'
     return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
 
 

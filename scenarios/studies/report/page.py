@@ -10,6 +10,7 @@ from scenarios.pages.model import Bullets, Page, Prose, Section, section
 from scenarios.pages.printed import printed_blocks
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
+from scenarios.pages.wording import capital, sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.departures import choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.determination.text import print_determination
@@ -35,19 +36,21 @@ def study_page(study: Study, drawn: Sequence[Drawn] = ()) -> Page:
     tone = "open" if outcome not in SETTLED else "good" if white else "fair"
     files = [("model", file.name, file.sha256) for file in scenario.files]
     return Page(
-        title=_capital(scenario.title),
+        title=capital(scenario.title),
         kind=f"Study {scenario.name}, {main.estimation.label}",
         verdict=outcome.value.partition(":")[0].partition(",")[0],
         tone=tone,
-        sentence=_capital(within_sentence(main.rows, "condensed" if scenario.condensed else "true")),
-        summary=tuple(_sentence(line) for line in (derived_line(main.derived), test_line(main.tests)) if line),
-        warnings=tuple(_sentence(line) for line in (main.result.estimate.message,) if line),
+        sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
+        summary=tuple(sentence(line) for line in (derived_line(main.derived), test_line(main.tests)) if line),
+        warnings=tuple(sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
             *section("What was found", *_found(study, main)),
             *section("Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])),
             *section("Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())),
             *_determined(study),
-            *section("Structures from stiff to soft", *(printed_blocks(lambda out: print_sweep(study.sweep, out)) if study.sweep is not None else ())),
+            *section(
+                "Structures from stiff to soft", *(printed_blocks(lambda out: print_sweep(study.sweep, out)) if study.sweep is not None else ())
+            ),
             *section("Figures", *figures(drawn)),
             *section("Residuals and noise", *_evidence(study)),
             *section("How it was made", *_made(study)),
@@ -57,7 +60,7 @@ def study_page(study: Study, drawn: Sequence[Drawn] = ()) -> Page:
     )
 
 
-def within_sentence(rows: Sequence[Row], reference: str) -> str:
+def within_line(rows: Sequence[Row], reference: str) -> str:
     """How many estimates lie within two of their sigmas of what they are held against; empty where nothing is known."""
     known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
     if not known:
@@ -81,15 +84,15 @@ def _found(study: Study, method: MethodResult) -> list[Prose | object]:
         estimation.explanation,
         f"published: {remark}" if remark else "",
     )
-    blocks: list[object] = [estimates_table(f"{_capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
+    blocks: list[object] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
     blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
-    return [*blocks, *(Prose(_sentence(line)) for line in sentences if line)]
+    return [*blocks, *(Prose(sentence(line)) for line in sentences if line)]
 
 
 def _method(study: Study, method: MethodResult) -> Section:
     choices = Bullets(tuple(choice_lines(method.estimation.choices)))
-    told = Prose(_sentence(test_line(method.tests))) if method.tests else None
-    return section(_capital(method.estimation.label), *_found(study, method), told, choices)[0]  # type: ignore[arg-type]
+    told = Prose(sentence(test_line(method.tests))) if method.tests else None
+    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]  # type: ignore[arg-type]
 
 
 def _determined(study: Study) -> tuple[Section, ...]:
@@ -112,24 +115,17 @@ def _evidence(study: Study) -> list[object]:
 def _made(study: Study) -> list[object]:
     scenario, record = study.scenario, study.record
     vehicle = vehicle_line(scenario.flight)
-    blocks: list[object] = [Prose(_sentence(scenario.about))] if scenario.about else []
-    blocks += [Prose(f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s, {1.0 / scenario.flight.step:.5g} steps a second.")]
+    blocks: list[object] = [Prose(sentence(scenario.about))] if scenario.about else []
+    blocks += [
+        Prose(
+            f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s, {1.0 / scenario.flight.step:.5g} steps a second."
+        )
+    ]
     if study.flexibility is not None:
-        blocks += [Prose(_sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
-    blocks += [Prose(_sentence(note)) for note in study.notes]
+        blocks += [Prose(sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
+    blocks += [Prose(sentence(note)) for note in study.notes]
     choices = choice_lines(scenario.choices)
     blocks += [Prose("Chosen by this project; no source prints it, or it prints another:"), Bullets(tuple(choices))] if choices else []
-    blocks += [Prose(_sentence(vehicle))] if vehicle else []
+    blocks += [Prose(sentence(vehicle))] if vehicle else []
     blocks += [fixed_table("What was held", study.main.fixed)] if study.main.fixed else []
     return blocks
-
-
-def _sentence(text: str) -> str:
-    """A line of the terminal as a sentence."""
-    return _capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
-
-
-def _capital(text: str) -> str:
-    """The first letter large, but for names of parameters."""
-    first = text.split(" ", 1)[0]
-    return text if "_" in first else text[:1].upper() + text[1:]

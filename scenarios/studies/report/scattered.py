@@ -33,7 +33,12 @@ def scattered_blocks(found: Sequence[Scatter]) -> list[Block]:
 
 def _shares(each: Scatter) -> tuple[Cell, ...]:
     share, (low, high) = each.within_two
-    return each.flight, each.estimation.label, Number(each.outcomes.get("converged", 0)), *(Number(100.0 * value, digits=0) for value in (share, low, high))
+    return (
+        each.flight,
+        each.estimation.label,
+        Number(each.outcomes.get("converged", 0)),
+        *(Number(100.0 * value, digits=0) for value in (share, low, high)),
+    )
 
 
 def _rms(each: Scatter, name: str, *, sigmas: bool) -> Cell:
