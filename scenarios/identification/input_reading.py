@@ -59,7 +59,7 @@ def reading_rows(reading: OtherReading) -> list[str]:
 
 def reading_table(reading: OtherReading) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headings, and a row for each parameter that moves."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
         for row, new in reading.moved
     ]

@@ -78,8 +78,5 @@ def read_cell(text: str) -> Cell:
 
 def signs(text: str) -> str:
     """Signs as they are printed in books."""
-    return re.sub(
-        r"(?<![\w.])-(?=[\d.])",
-        "−",
-        text.replace(" +- ", " ± ").replace("+-", "±").replace("->", "→").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}"),
-    )
+    text = text.replace("+-", "±").replace("->", "→").replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    return re.sub(r"(?<![\w.])-(?=[\d.])", "−", text)

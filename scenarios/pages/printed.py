@@ -72,7 +72,7 @@ def _with_sigma(cell: Cell, sigma: Cell) -> Cell:
 
 def _column(heading: str, cells: Sequence[Cell], usual: str) -> Column:
     numbers = [cell for cell in cells if isinstance(cell, Number)]
-    shown = capital(heading) if not heading else heading
+    shown = heading or "remark"
     if not numbers:
         return Column(shown)
     behind = _BEHIND.search(heading)

@@ -99,10 +99,9 @@ def _style() -> str:
     style = _resource("page.css")
     light = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", style[: style.index("}")]))
     dark = "color-scheme: dark; " + " ".join(f"--{name}: {colour};" for name, colour in _DARK.items())
-    style = style.replace("--dark: 1; /*DARK*/", dark)
-    return style.replace("/*LIGHT*/", " ".join(f"--{name}: {colour};" for name, colour in light.items())).replace(
-        "@media print", rules + "@media print", 1
-    )
+    bright = " ".join(f"--{name}: {colour};" for name, colour in light.items())
+    style = style.replace("--dark: 1; /*DARK*/", dark).replace("/*LIGHT*/", bright)
+    return style.replace("@media print", rules + "@media print", 1)
 
 
 def _digest(text: str) -> str:

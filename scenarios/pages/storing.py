@@ -77,12 +77,14 @@ def _block(block: Block) -> dict[str, Any]:
         case Figure():
             return {"figure": block.name, "svg": block.svg, "caption": block.caption}
         case Table():
-            columns = [
-                {"heading": c.heading, **({} if c.unit is None else {"unit": c.unit}), **({"code": True} if c.code else {})} for c in block.columns
-            ]
+            columns = [_column(column) for column in block.columns]
             out: dict[str, Any] = {"table": block.caption, "columns": columns, "rows": [list(map(_cell, row)) for row in block.rows]}
             out |= {"units": list(block.units)} if block.units else {}
             return out | ({} if block.printed is None else {"printed": block.printed})
+
+
+def _column(column: Column) -> dict[str, Any]:
+    return {"heading": column.heading, **({} if column.unit is None else {"unit": column.unit}), **({"code": True} if column.code else {})}
 
 
 def _block_of(content: Mapping[str, Any]) -> Block:

@@ -44,9 +44,8 @@ def record_rows(look: RawLook) -> list[tuple[str, str, str, str, str]]:
 def record_table(look: RawLook) -> Table:
     """The same as a page's table; without rows where nothing is seen."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
-    return Table(
-        "What the raw columns show, before any fit; samples that were set aside count in no fit and no error", columns, tuple(record_rows(look))
-    )
+    caption = "What the raw columns show, before any fit; samples that were set aside count in no fit and no error"
+    return Table(caption, columns, tuple(record_rows(look)))
 
 
 def _content(one: Seen) -> dict[str, Any]:

@@ -20,7 +20,8 @@ def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats
     """Write a comparison into ``folder``, whole or not at all; returns the folder.
 
     Files: ``compared.csv``, in the formats ``figures`` the figures ``compared_estimates``, ``compared_errors`` where some truth is known
-    and ``compared_responses`` where outputs over time are; ``report.html`` and ``report.json``; ``compared.json`` last. The folder may hold the studies' own folders.
+    and ``compared_responses`` where outputs over time are; ``report.html`` and ``report.json``; ``compared.json``
+    last. The folder may hold the studies' own folders.
     """
     with study_folder(folder, MAIN) as scratch:
         (scratch / "compared.csv").write_text(compared_csv(compared), encoding="utf-8")

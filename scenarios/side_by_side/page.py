@@ -17,6 +17,8 @@ from scenarios.side_by_side.comparison import SideBySide
 from scenarios.side_by_side.value import Column as Study
 from scenarios.side_by_side.value import Value
 
+ESTIMATES = "Estimates"
+REFERENCE = "What each study should find: true, or condensed where its model lacks modes"
 LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
 
 
@@ -53,10 +55,8 @@ def _studies(columns: Sequence[Study]) -> Table:
 def _tables(compared: SideBySide) -> list[Block]:
     names = (*compared.names, *compared.derived)
     true = [_common(compared, name) for name in names]
-    blocks: list[Block] = [_table(compared, names, "Estimates", BY_ROW, lambda v: estimate(v.estimate, v.std), true)]
-    blocks.append(
-        _table(compared, names, "What each study should find: true, or condensed where its model lacks modes", BY_ROW, lambda v: known(v.reference))
-    )
+    blocks: list[Block] = [_table(compared, names, ESTIMATES, BY_ROW, lambda v: estimate(v.estimate, v.std), true)]
+    blocks.append(_table(compared, names, REFERENCE, BY_ROW, lambda v: known(v.reference)))
     blocks.append(_table(compared, names, "Error in the study's own sigmas", SIGMAS, lambda v: known(v.sigmas, 1, signed=True)))
     blocks.append(_table(compared, names, "Error", "%", lambda v: known(v.percent, 2, signed=True)))
     blocks.append(_table(compared, names, "Published values", BY_ROW, lambda v: estimate(*v.published) if v.published else "–"))
@@ -78,7 +78,7 @@ def _table(
     shown = [at for at in range(len(compared.columns)) if any(row[at] != "–" for row in cells.values())]
     with_true = any(value is not None for value in true)
     columns = [Column("parameter"), *([Column("true", BY_ROW)] if with_true else [])]
-    columns += [Column(compared.columns[at].label + (" ± σ" if cell and unit == BY_ROW and caption == "Estimates" else ""), unit) for at in shown]
+    columns += [Column(compared.columns[at].label + (" ± σ" if caption == ESTIMATES else ""), unit) for at in shown]
     known_true = dict(zip(names, true, strict=True)) if with_true else {}
     rows = tuple((name, *([known(known_true[name])] if with_true else []), *(row[at] for at in shown)) for name, row in cells.items())
     return Table(caption, tuple(columns), rows, tuple(compared.unit(name) for name in cells))

@@ -30,8 +30,8 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
     Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``response.csv`` (measured, predicted
-    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from which
-    it is made, ``comparison.json`` last. Further methods leave
+    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
+    which it is made, ``comparison.json`` last. Further methods leave
     ``response_METHOD.csv`` and ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a sweep
     ``sweep.csv``, determination ``determination.csv``.
     """

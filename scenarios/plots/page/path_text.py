@@ -22,21 +22,22 @@ def path_data(path: Path, transform: Transform, *, filled: bool) -> str:
 
     Long lines are simplified to within ``TOLERANCE``; so are long outlines of areas, which are closed again.
     """
+    vertices = np.asarray(path.vertices, dtype=float)
     straight = path.codes is None or not np.any(np.isin(path.codes, (Path.CURVE3, Path.CURVE4)))
-    long = len(path.vertices) >= LONG and straight
-    source = Path(path.vertices, path.codes)
+    long = len(vertices) >= LONG and straight
+    source = Path(vertices, path.codes)
     closed = filled and long
     if closed:
         ends = np.flatnonzero(path.codes == Path.CLOSEPOLY) if path.codes is not None else np.array([], dtype=int)
-        if len(ends) > 1 or (len(ends) == 1 and ends[0] != len(path.vertices) - 1):
+        if len(ends) > 1 or (len(ends) == 1 and ends[0] != len(vertices) - 1):
             closed = long = False  # several areas in one path are left as they are
         elif len(ends):
-            source = Path(path.vertices[:-1])
+            source = Path(vertices[:-1])
     if long:
         source.should_simplify = True
         source.simplify_threshold = TOLERANCE
     clean = source.cleaned(transform=transform, remove_nans=True, simplify=long, curves=True)
-    return _text(clean.vertices, clean.codes) + ("z" if closed else "")
+    return _text(*_arrays(clean)) + ("z" if closed else "")
 
 
 def dots_data(points: np.ndarray, size: float) -> str:
@@ -51,14 +52,19 @@ def dots_data(points: np.ndarray, size: float) -> str:
 def marks_data(points: np.ndarray, mark: Path, transform: Transform) -> str:
     """The same outline at each of ``points (n, 2)``."""
     shape = mark.cleaned(transform=transform + Affine2D().scale(1.0, -1.0), curves=True)
-    if not len(shape.vertices):
+    vertices, codes = _arrays(shape)
+    if not len(vertices):
         return ""
-    start = shape.vertices[0]
-    further = _text(shape.vertices, shape.codes, hundredths=True)
+    start = vertices[0]
+    further = _text(vertices, codes, hundredths=True)
     further = further[_end_of_first(further) :]
     # A pen that has drawn a mark stands at its end: each begins at its own absolute place.
     points = points[np.all(np.isfinite(points), axis=1)] + start
     return "".join(f"M{x:.2f} {y:.2f}{further}" for x, y in points.tolist())
+
+
+def _arrays(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    return np.asarray(path.vertices, dtype=float), np.asarray(path.codes)
 
 
 def _end_of_first(text: str) -> int:

@@ -41,7 +41,7 @@ class PageRenderer(RendererBase):
         """Texts are placed from the top."""
         return True
 
-    def points_to_pixels(self, points: float) -> float:
+    def points_to_pixels(self, points: Any) -> Any:
         """A pixel is a point."""
         return points
 
@@ -59,7 +59,7 @@ class PageRenderer(RendererBase):
         self, gc: GraphicsContextBase, marker_path: Path, marker_trans: Transform, path: Path, trans: Transform, rgbFace: Any = None
     ) -> None:
         """All marks of a line as one path; discs as dots."""
-        points = path.cleaned(transform=trans + self._flip(), remove_nans=False).vertices[: len(path.vertices)]
+        points = np.asarray(path.cleaned(transform=trans + self._flip(), remove_nans=False).vertices, dtype=float)[: len(np.asarray(path.vertices))]
         inside = (points[:, 0] > -9) & (points[:, 0] < self.width + 9) & (points[:, 1] > -9) & (points[:, 1] < self.height + 9)
         points = points[inside]
         size = _disc(marker_path, marker_trans) if rgbFace is not None and (not gc.get_linewidth() or _same(gc, rgbFace)) else 0.0
@@ -72,7 +72,7 @@ class PageRenderer(RendererBase):
         if data:
             self.parts.append(f'<path d="{data}"{look}{self._clip(gc)}/>')
 
-    def draw_image(self, gc: GraphicsContextBase, x: float, y: float, im: np.ndarray, transform: Transform | None = None) -> None:
+    def draw_image(self, gc: GraphicsContextBase, x: float, y: float, im: Any, transform: Transform | None = None) -> None:
         """An image of few pixels, each of them that is not clear a rectangle; ``im (rows, columns, 4)`` from below, colours from 0 to 255."""
         rows, columns = im.shape[:2]
         across = Affine2D().scale(1.0 / columns, 1.0 / rows)
@@ -107,7 +107,7 @@ class PageRenderer(RendererBase):
 
     def _mathematics(self, x: float, y: float, s: str, prop: FontProperties, angle: float, look: str) -> str:
         """Symbols with sub- and superscripts: letters at the places of the library's own typesetting."""
-        _, _, _, glyphs, rules = self._text2path.mathtext_parser.parse(s, 72, prop)  # type: ignore[attr-defined]
+        _, _, _, glyphs, rules = self._text2path.mathtext_parser.parse(s, 72, prop)
         spans: dict[tuple[str, float], list[tuple[float, float, int]]] = {}
         for font, size, code, *_, across, above in glyphs:
             entry = ttfFontProperty(font)
@@ -141,8 +141,8 @@ class PageRenderer(RendererBase):
         box = gc.get_clip_rectangle()
         if box is None:
             return ""
-        x0, y0, width, height = box.bounds
-        key = tuple(round(float(value), 1) for value in (x0, self.height - y0 - height, width, height))
+        x0, y0, width, height = (float(value) for value in np.asarray(box.bounds))
+        key = tuple(round(value, 1) for value in (x0, self.height - y0 - height, width, height))
         return f' clip-path="url(#{self.clips.setdefault(key, f"{self.name}-clip{len(self.clips)}")})"'
 
     def _flip(self) -> Affine2D:
@@ -171,5 +171,5 @@ def _disc(mark: Path, transform: Transform) -> float:
     if mark.codes is None or np.sum(mark.codes == Path.CURVE4) < _ROUND:
         return 0.0
     low, high = mark.get_extents(transform).get_points()
-    width, height = high - low
+    width, height = (np.asarray(high) - np.asarray(low)).tolist()
     return float(width) if abs(width - height) < 1e-6 * abs(width) else 0.0

@@ -40,7 +40,7 @@ def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Coverage", _shares((*campaign.spreads, pooled))),
             *section("Figures", *figures(drawn)),
             *section(
-                "How it was made", Prose(f"Truth and model: {scenario.distance}. Each run has its own seed; run i is flightid run with that seed.")
+                "How it was made", Prose(f"Truth and model: {scenario.distance}. Each run has a seed of its own; flightid run with it repeats one.")
             ),
         ),
         reproduction=reproduction(command, f"Seeds {seeds[0]} to {seeds[-1]}.", files),
@@ -51,14 +51,13 @@ def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
 def _sizes(campaign: Campaign) -> list[Block]:
     headings = Column("parameter"), *(Column(each, BY_ROW) for each in ("reference", "bias ± σ", "scatter", "reported σ"))
     count = campaign.values.shape[1]
-    rows = tuple(
-        (s.name, Number(s.reference), Number(s.bias, s.scatter / count**0.5 or None), _of_two(s.scatter), _of_two(s.reported))
-        for s in campaign.spreads
-    )
-    note = (
-        "Bias: mean error with the sigma of a mean; scatter: standard deviation of the estimates; reported: root mean square of the estimator's own."
-    )
+    rows = tuple(_size(s, count) for s in campaign.spreads)
+    note = "Bias: mean error with the sigma of a mean. Scatter: standard deviation of the estimates. Reported: root mean square of the sigmas."
     return [Table(f"Over {count} runs", tuple(headings), rows, tuple(s.unit for s in campaign.spreads)), Prose(note, "note")]
+
+
+def _size(s: Spread, count: int) -> tuple[Cell, ...]:
+    return s.name, Number(s.reference), Number(s.bias, s.scatter / count**0.5), _of_two(s.scatter), _of_two(s.reported)
 
 
 def _of_two(value: float) -> Cell:
@@ -68,5 +67,9 @@ def _of_two(value: float) -> Cell:
 
 def _shares(spreads: Sequence[Spread]) -> Table:
     headings = Column("parameter"), *(Column(each, "%") for each in ("within two sigmas", "from (95 %)", "to", "within one sigma"))
-    rows = tuple((s.name, *(Number(100.0 * share, digits=1) for share in (s.within_two, *s.interval, s.within_one))) for s in spreads)
+    rows = tuple(_share(s) for s in spreads)
     return Table("Share of the runs whose interval holds the reference", headings, rows)
+
+
+def _share(s: Spread) -> tuple[Cell, ...]:
+    return s.name, *(Number(100.0 * share, digits=1) for share in (s.within_two, *s.interval, s.within_one))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ident.estimate import Outcome
 from scenarios.pages.folder import figures
-from scenarios.pages.model import Bullets, Page, Prose, Section, section
+from scenarios.pages.model import Block, Bullets, Page, Prose, Section, section
 from scenarios.pages.printed import printed_blocks
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
@@ -48,9 +48,7 @@ def study_page(study: Study, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])),
             *section("Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())),
             *_determined(study),
-            *section(
-                "Structures from stiff to soft", *(printed_blocks(lambda out: print_sweep(study.sweep, out)) if study.sweep is not None else ())
-            ),
+            *section("Structures from stiff to soft", *_swept(study)),
             *section("Figures", *figures(drawn)),
             *section("Residuals and noise", *_evidence(study)),
             *section("How it was made", *_made(study)),
@@ -73,7 +71,7 @@ def within_line(rows: Sequence[Row], reference: str) -> str:
     return f"{which} within two of their sigmas of the {reference} value; the farthest is {abs(worst):.1f} off"
 
 
-def _found(study: Study, method: MethodResult) -> list[Prose | object]:
+def _found(study: Study, method: MethodResult) -> list[Block]:
     scenario, estimation = study.scenario, method.estimation
     estimate = method.result.estimate
     flown = scenario.flown
@@ -84,7 +82,7 @@ def _found(study: Study, method: MethodResult) -> list[Prose | object]:
         estimation.explanation,
         f"published: {remark}" if remark else "",
     )
-    blocks: list[object] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
+    blocks: list[Block] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
     blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
     return [*blocks, *(Prose(sentence(line)) for line in sentences if line)]
 
@@ -92,7 +90,7 @@ def _found(study: Study, method: MethodResult) -> list[Prose | object]:
 def _method(study: Study, method: MethodResult) -> Section:
     choices = Bullets(tuple(choice_lines(method.estimation.choices)))
     told = Prose(sentence(test_line(method.tests))) if method.tests else None
-    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]  # type: ignore[arg-type]
+    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]
 
 
 def _determined(study: Study) -> tuple[Section, ...]:
@@ -100,8 +98,13 @@ def _determined(study: Study) -> tuple[Section, ...]:
     return section("What the record determines", *printed_blocks(lambda out: print_determination(found, out))) if found else ()
 
 
-def _evidence(study: Study) -> list[object]:
-    blocks: list[object] = []
+def _swept(study: Study) -> list[Block]:
+    sweep = study.sweep
+    return [] if sweep is None else printed_blocks(lambda out: print_sweep(sweep, out))
+
+
+def _evidence(study: Study) -> list[Block]:
+    blocks: list[Block] = []
     for method in study.methods:
         estimate, record = method.result.estimate, method.result.record
         label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
@@ -112,15 +115,12 @@ def _evidence(study: Study) -> list[object]:
     return blocks
 
 
-def _made(study: Study) -> list[object]:
+def _made(study: Study) -> list[Block]:
     scenario, record = study.scenario, study.record
     vehicle = vehicle_line(scenario.flight)
-    blocks: list[object] = [Prose(sentence(scenario.about))] if scenario.about else []
-    blocks += [
-        Prose(
-            f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s, {1.0 / scenario.flight.step:.5g} steps a second."
-        )
-    ]
+    blocks: list[Block] = [Prose(sentence(scenario.about))] if scenario.about else []
+    told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
+    blocks += [Prose(f"{told}, flown with steps of {scenario.flight.step:g} s.")]
     if study.flexibility is not None:
         blocks += [Prose(sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
     blocks += [Prose(sentence(note)) for note in study.notes]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from scenarios.pages.model import BY_ROW, Block, Column, Prose, Table
 from scenarios.pages.numbers import PURE, Cell, Number, known
-from scenarios.pages.tables import SIGMAS
+from scenarios.pages.printed import SIGMAS
 from scenarios.studies.repeated import Scatter
 
 
@@ -33,12 +33,8 @@ def scattered_blocks(found: Sequence[Scatter]) -> list[Block]:
 
 def _shares(each: Scatter) -> tuple[Cell, ...]:
     share, (low, high) = each.within_two
-    return (
-        each.flight,
-        each.estimation.label,
-        Number(each.outcomes.get("converged", 0)),
-        *(Number(100.0 * value, digits=0) for value in (share, low, high)),
-    )
+    shares = (Number(100.0 * value, digits=0) for value in (share, low, high))
+    return each.flight, each.estimation.label, Number(each.outcomes.get("converged", 0), digits=0), *shares
 
 
 def _rms(each: Scatter, name: str, *, sigmas: bool) -> Cell:

@@ -69,6 +69,6 @@ def _units(study: LoopStudy) -> dict[str, str]:
     """Units of everything that a row or a column of the tables is named after."""
     estimate, system = study.result.estimate, study.result.setting.system
     units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
-    units |= dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"} | MODAL_UNITS
+    units |= dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s", **MODAL_UNITS}
     words = {WORDS[q.name]: q.unit for q in study.result.qualities} | {WORDS[name]: unit for name, unit in MODAL_UNITS.items() if name in WORDS}
     return {**units, **words, WORDS["delay"]: "s", **_COLUMNS}
