@@ -34,6 +34,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     from scenarios.terminal.progress import progress_bar
     from scenarios.trials.standin.campaign import fly_standin_campaign
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
+    from scenarios.trials.standin.page import campaign_page
     from scenarios.trials.standin.schema import standin_of
 
     standin = standin_of(*load_document(name, changes))
@@ -41,5 +42,5 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
         judged = fly_standin_campaign(standin, runs, seed, progress, os.cpu_count() or 1)
     print(campaign_text(standin, judged), end="")
     if out is not None:
-        write_campaign(standin, judged, out)
+        write_campaign(standin, judged, out, campaign_page(standin, judged))
         print(f"written to {out}")

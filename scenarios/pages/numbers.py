@@ -12,7 +12,10 @@ from sim.errors import ModelError
 
 PURE = "1"  # the unit of counts, shares and ratios
 UNDETERMINED = "not determined"
-_QUANTITY = re.compile(r"(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(?: (?:\+-|±) (?P<sigma>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?))?(?P<unit> %)?")
+_DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+_QUANTITY = re.compile(
+    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit> %| sigma)?(?P<mark> ?\*| \(bound\))?"
+)  # "<1e-300" and "over +900 %" sort by their number
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ def read_cell(text: str) -> Cell:
     if found is None:
         return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
     value, sigma = float(found["value"]), found["sigma"]
-    return Number(value, float(sigma) if sigma else None, "%" if found["unit"] else "", shown=signs(text.strip()))
+    unit = {" %": "%", " sigma": "σ"}.get(found["unit"] or "", "")
+    return Number(value, float(sigma) if sigma else None, unit, shown=signs(text.strip().replace(" sigma", " σ")))
 
 
 def signs(text: str) -> str:

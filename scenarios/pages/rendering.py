@@ -37,7 +37,7 @@ def page_html(page: Page) -> str:
     from markupsafe import Markup
 
     style, script = _style(), _resource("page.js")
-    inputs = Table("Input files", (Column("use"), Column("file"), Column("SHA-256", code=True)), page.reproduction.inputs)
+    inputs = Table("Input files", (Column("use"), Column("file", code=True), Column("SHA-256", code=True)), page.reproduction.inputs)
     return _template().render(
         page=page,
         policy=f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; base-uri 'none'; form-action 'none'",
@@ -48,6 +48,11 @@ def page_html(page: Page) -> str:
         sections=list(_named(page.sections)),
         inputs=inputs,
     )
+
+
+def warm_up() -> None:
+    """Load what a page is made with, while something else is waited for."""
+    _template()
 
 
 def _named(sections: tuple[Section, ...]) -> Iterator[tuple[Section, str]]:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scenarios.plots.files import Named, save_figure
 from scenarios.plots.formats import Formats
 from scenarios.plots.page.captions import caption_of
-from scenarios.plots.page.named import Drawn
+from scenarios.plots.page.named import FRAGMENT, Drawn
 from scenarios.plots.page.renderer import PageRenderer
 
 POINTS = 72.0
@@ -27,6 +27,12 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
         save_figure(figure, folder, stem, formats)
         out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
     return tuple(out)
+
+
+def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
+    """The same for another process to gather (``named.gathered``): each element in a file of its own."""
+    for each in drawn_for_page(figures, folder, formats):
+        (folder / f"{each.stem}{FRAGMENT}").write_text(each.svg, encoding="utf-8")
 
 
 def page_svg(figure: Figure, stem: str) -> str:

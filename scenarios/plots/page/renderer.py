@@ -133,7 +133,8 @@ class PageRenderer(RendererBase):
         out += f' stroke-width="{width:g}"' if width != 1.0 else ""
         offset, dashes = gc.get_dashes()
         if dashes is not None:
-            out += f' stroke-dasharray="{" ".join(f"{dash:.3g}" for dash in dashes)}"' + (f' stroke-dashoffset="{offset:.3g}"' if offset else "")
+            lengths = " ".join(f"{dash:.3g}" for dash in np.asarray(dashes).tolist())
+            out += f' stroke-dasharray="{lengths}"' + (f' stroke-dashoffset="{offset:.3g}"' if offset else "")
         cap = _CAPS[str(getattr(gc.get_capstyle(), "value", gc.get_capstyle()))]
         return out + (f' stroke-linecap="{cap}"' if cap != "butt" else "")
 

@@ -20,20 +20,32 @@ def trace_text(study: TraceStudy, width: int = WIDTH) -> str:
     blocks = [
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
         diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(columns_of(DERIVATIVES, _rows(study.derivatives), left=2), title=_title(study), width=width),
-        table_lines(columns_of(EFFECTS, [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2), width=width),
-        [f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"],
+        table_lines(columns_of(DERIVATIVES, scored_rows(study.derivatives), left=2), title=table_title(study), width=width),
+        table_lines(columns_of(EFFECTS, effect_rows(study), left=2), width=width),
+        [scored_sentence(study)],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-def _title(study: TraceStudy) -> str:
+def scored_sentence(study: TraceStudy) -> str:
+    """What was hidden, what was expected, and what the diagnosis is worth."""
+    return f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"
+
+
+def table_title(study: TraceStudy) -> str:
+    """What the derivatives are held against."""
     if study.scenario.model == "loes":
         return "derivatives; true are those of the equivalent system that fits the linear loop's frequency response"
     return "derivatives against the truth"
 
 
-def _rows(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
+def effect_rows(study: TraceStudy) -> list[tuple[str, ...]]:
+    """Cells below ``EFFECTS``."""
+    return [(*row[:3], *row[4:]) for row in scored_rows(study.effects)]
+
+
+def scored_rows(scored: Sequence[Scored]) -> list[tuple[str, ...]]:
+    """Cells below ``DERIVATIVES``."""
     return [
         (
             row.name,

@@ -1,0 +1,30 @@
+"""What the truth says of a diagnosis, on its page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from scenarios.pages.model import Page, Prose, section
+from scenarios.pages.printed import rows_table
+from scenarios.pages.reproduction import reproduction
+from scenarios.pages.wording import capital, sentence
+from scenarios.trials.planted.study import TraceStudy
+from scenarios.trials.planted.text import DERIVATIVES, EFFECTS, effect_rows, scored_rows, scored_sentence, table_title
+
+
+def scored_page(study: TraceStudy, page: Page) -> Page:
+    """The page of the diagnosis with the scenario's title, and the truth before what the loop says of itself."""
+    scenario = study.scenario
+    scored = sentence(scored_sentence(study))
+    truth = section(
+        "Against the truth",
+        Prose(scored),
+        rows_table(capital(table_title(study)), DERIVATIVES, scored_rows(study.derivatives)),
+        rows_table("Parameters of the effects", EFFECTS, effect_rows(study)),
+        Prose(f"Truth and model: {scenario.distance}.", "note"),
+    )
+    again = reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", page.reproduction.inputs)
+    kind = f"Study {scenario.name}: {page.kind}"
+    return replace(
+        page, title=capital(scenario.title), kind=kind, summary=(*page.summary, scored), sections=(*truth, *page.sections), reproduction=again
+    )
