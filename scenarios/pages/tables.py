@@ -85,7 +85,7 @@ def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
 
 def p_value(value: float) -> Number:
     """A probability with two digits."""
-    return Number(value, shown=f"{value:.2g}")
+    return Number(value, shown=f"{value:.2g}" if value > 0.0 else "<1e-300")
 
 
 def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:

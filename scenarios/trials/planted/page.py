@@ -18,7 +18,6 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     scored = sentence(scored_sentence(study))
     truth = section(
         "Against the truth",
-        Prose(scored),
         rows_table(capital(table_title(study)), DERIVATIVES, scored_rows(study.derivatives)),
         rows_table("Parameters of the effects", EFFECTS, effect_rows(study)),
         Prose(f"Truth and model: {scenario.distance}.", "note"),

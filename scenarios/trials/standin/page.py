@@ -23,7 +23,7 @@ def scored_page(study: StandInStudy, page: Page) -> Page:
     told = sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
     units = {row.name: row.after.unit for row in study.derivatives}
     table = rows_table("Derivatives against the nominal ones", DERIVATIVES, nominal_rows(study), units=units)
-    truth = section("Against the truth", Prose(told), table, Bullets(tuple(map(sentence, flown_lines(study.flight)))))
+    truth = section("Against the truth", table, Bullets(tuple(map(sentence, flown_lines(study.flight)))))
     again = reproduction(("flightid", "run", standin.name, "--seed", str(study.seed)), f"Seed {study.seed}.", page.reproduction.inputs)
     kind = f"Study {standin.name}: {page.kind}"
     return replace(
