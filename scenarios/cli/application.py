@@ -13,6 +13,7 @@ from scenarios.cli.declared.compare import compare
 from scenarios.cli.declared.diagnose import diagnose
 from scenarios.cli.declared.identify import identify
 from scenarios.cli.declared.libraries import effects, list_, models, vehicles
+from scenarios.cli.declared.report import report
 from scenarios.cli.declared.run import run
 from scenarios.cli.declared.simulate import simulate
 from scenarios.cli.declared.watch import watch
@@ -20,7 +21,7 @@ from scenarios.cli.helping import GroupedCommands
 
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
-    "Studies": (run, compare, simulate, campaign),
+    "Studies": (run, compare, simulate, campaign, report),
     "Measured data": (identify, diagnose, check, watch),
     "Libraries": (list_, models, vehicles, effects),
 }
