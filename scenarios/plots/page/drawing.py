@@ -70,8 +70,8 @@ def description(figure: Figure) -> str:
         _plain(label) for panel in panels for label in panel.get_legend_handles_labels()[1] if label and not str(label).startswith("_")
     )
     told = [_plain(title) or "Figure"]
-    told += [f"Panels: {', '.join(upward)}"] if upward else []
-    told += [f"against {', '.join(across)}"] if across else []
+    against = f" against {', '.join(across)}" if across else ""
+    told += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
     told += [f"Shown: {', '.join(lines)}"] if lines else []
     return ". ".join(told) + "."
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from scenarios.pages.model import Bullets, Page, Prose, section
+from scenarios.pages.model import Bullets, Page, section
 from scenarios.pages.printed import rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
