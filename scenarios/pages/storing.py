@@ -26,7 +26,7 @@ def page_content(page: Page) -> dict[str, Any]:
         "sections": [_section(each) for each in page.sections],
         "reproduction": {
             "commands": list(page.reproduction.commands),
-            "versions": dict(page.reproduction.versions),
+            "versions": [list(pair) for pair in page.reproduction.versions.items()],  # in their order, which keys would lose
             "seed": page.reproduction.seed,
             "inputs": [list(each) for each in page.reproduction.inputs],
         },
