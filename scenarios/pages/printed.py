@@ -32,6 +32,7 @@ def told_table(told: Told, known: Mapping[str, str] = MappingProxyType({})) -> T
     ``known`` are units by what stands at the head of a column, or at the begin of a row where the table has no units.
     """
     count = len(told.columns[0][1])
+    known = {} if "correlation" in told.title else known  # which has no unit, whatever it is of
     units: tuple[str, ...] = next((cells for heading, cells in told.columns if heading == UNIT), ())
     if not units and any(name in known for name in told.columns[0][1]):
         units = tuple(known.get(name, PURE) for name in told.columns[0][1])
@@ -44,7 +45,7 @@ def told_table(told: Told, known: Mapping[str, str] = MappingProxyType({})) -> T
         if heading in SIGMA and columns and not any(isinstance(cell, Number) and cell.sigma for cell in columns[-1]):
             columns[-1] = [_with_sigma(cell, sigma) for cell, sigma in zip(columns[-1], read, strict=True)]
             continue
-        headings.append(heading)
+        headings.append(heading or ("remark" if headings else "name"))
         columns.append(read)
     rows = tuple(tuple(column[at] for column in columns) for at in range(count))
     made = tuple(_column(heading, column, known.get(heading, BY_ROW if units else PURE)) for heading, column in zip(headings, columns, strict=True))
@@ -72,12 +73,11 @@ def _with_sigma(cell: Cell, sigma: Cell) -> Cell:
 
 def _column(heading: str, cells: Sequence[Cell], usual: str) -> Column:
     numbers = [cell for cell in cells if isinstance(cell, Number)]
-    shown = heading or "remark"
     if not numbers:
-        return Column(shown)
+        return Column(heading)
     behind = _BEHIND.search(heading)
     if behind is not None:
         return Column(heading[: behind.start()], SIGMAS if behind["unit"] == "sigmas" else behind["unit"])
     if heading.endswith(" %"):
         return Column(heading.removesuffix(" %"), "%")
-    return Column(shown, PURE if all(cell.unit for cell in numbers) else usual)
+    return Column(heading, PURE if all(cell.unit for cell in numbers) else usual)
