@@ -13,8 +13,9 @@ from sim.errors import ModelError
 PURE = "1"  # the unit of counts, shares and ratios
 UNDETERMINED = "not determined"
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
+_UNIT = r" (?:%|sigma|deg(?:/s2?)?|rad(?:/s2?)?|m?s|Hz|m(?:/s2?)?|g|kg|N)"
 _QUANTITY = re.compile(
-    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit> %| sigma)?(?P<mark> ?\*| \(bound\))?"
+    rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
 )  # "<1e-300" and "over +900 %" sort by their number
 
 
@@ -76,7 +77,7 @@ def read_cell(text: str) -> Cell:
     if found is None:
         return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
     value, sigma = float(found["value"]), found["sigma"]
-    unit = {" %": "%", " sigma": "σ"}.get(found["unit"] or "", "")
+    unit = (found["unit"] or "").strip().replace("sigma", "σ")
     return Number(value, float(sigma) if sigma else None, unit, shown=signs(text.strip().replace(" sigma", " σ")))
 
 

@@ -9,6 +9,6 @@ def sentence(text: str) -> str:
 
 
 def capital(text: str) -> str:
-    """The first letter large, but for names of parameters and of files."""
+    """The first letter large, but for names of parameters, effects and files."""
     first = text.split(" ", 1)[0]
-    return text if "_" in first or "." in first.rstrip(".") else text[:1].upper() + text[1:]
+    return text if any(mark in first.rstrip(".:") for mark in "_.:-") else text[:1].upper() + text[1:]

@@ -55,7 +55,8 @@ def page_svg(figure: Figure, stem: str) -> str:
     )
     described = escape(description(figure), quote=True)
     size = f'viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" height="{SCALE * height:.0f}"'
-    wide = ' class="full"' if width > FULL else ""
+    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if renderer.mapped else [])]
+    wide = f' class="{" ".join(kinds)}"' if kinds else ""
     head = f'<svg {size}{wide} role="img" aria-label="{described}">'
     return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
 

@@ -32,6 +32,7 @@ class PageRenderer(RendererBase):
         self.width, self.height, self.name = width, height, name
         self.parts: list[str] = []
         self.clips: dict[tuple[float, ...], str] = {}
+        self.mapped = False  # whether colours stand for numbers, which no page may replace
 
     def get_canvas_width_height(self) -> tuple[float, float]:
         """In points."""
@@ -74,6 +75,7 @@ class PageRenderer(RendererBase):
 
     def draw_image(self, gc: GraphicsContextBase, x: float, y: float, im: Any, transform: Transform | None = None) -> None:
         """An image of few pixels, each of them that is not clear a rectangle; ``im (rows, columns, 4)`` from below, colours from 0 to 255."""
+        self.mapped = True
         rows, columns = im.shape[:2]
         across = Affine2D().scale(1.0 / columns, 1.0 / rows)
         place = across + (transform if transform is not None else Affine2D().scale(columns, rows)) + Affine2D().translate(x, y) + self._flip()
@@ -82,7 +84,7 @@ class PageRenderer(RendererBase):
                 (left, low), (right, high) = place.transform([(column, row), (column + 1, row + 1)])
                 at = f'x="{min(left, right):.2f}" y="{min(low, high):.2f}" width="{abs(right - left):.2f}" height="{abs(high - low):.2f}"'
                 if im[row, column, 3]:
-                    self.parts.append(f'<rect {at} fill="{to_hex(im[row, column] / 255.0)}"{self._clip(gc)}/>')
+                    self.parts.append(f'<rect {at} fill="{to_hex(im[row, column] / 255.0)}" shape-rendering="crispEdges"{self._clip(gc)}/>')
 
     def draw_text(
         self, gc: GraphicsContextBase, x: float, y: float, s: str, prop: FontProperties, angle: float, ismath: Any = False, mtext: Any = None

@@ -80,6 +80,7 @@ def test_numbers_have_the_digits_of_their_sigma(number: Number, text: str) -> No
         ("over +900 %", 900.0, None, "%"),
         ("0.3 (bound)", 0.3, None, ""),
         ("0.97*", 0.97, None, ""),
+        ("0.126 deg/s", 0.126, None, "deg/s"),
     ],
 )
 def test_printed_numbers_are_numbers_again(text: str, value: float, sigma: float | None, unit: str) -> None:
