@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterable
 from html import escape
 from pathlib import Path
 
@@ -11,7 +14,7 @@ from matplotlib.figure import Figure
 from scenarios.plots.files import Named, save_figure
 from scenarios.plots.formats import Formats
 from scenarios.plots.page.captions import caption_of
-from scenarios.plots.page.named import FRAGMENT, Drawn
+from scenarios.plots.page.named import FRAGMENT, Drawn, gathered
 from scenarios.plots.page.renderer import PageRenderer
 
 POINTS = 72.0
@@ -20,19 +23,37 @@ FULL = 400.0  # points: a wider figure is moved sideways on a small screen rathe
 
 
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """Draw each figure once: into ``folder`` in every format, and for the page."""
-    out = []
-    for stem, make in figures:
-        figure = make()
-        save_figure(figure, folder, stem, formats)
-        out.append(Drawn(stem, page_svg(figure, stem), caption_of(stem)))
-    return tuple(out)
+    """Draw each figure once: into ``folder`` in every format, and for the page. Every other one is drawn by a fork where there may be one."""
+    named = list(figures)
+    helper = os.fork() if len(named) > 1 and _may_fork() else None
+    if helper == 0:
+        failed = 1
+        try:
+            leave_for_page(named[1::2], folder, formats)
+            failed = 0
+        finally:
+            os._exit(failed)
+    own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
+    if helper is not None and os.waitpid(helper, 0)[1] == 0:
+        own |= gathered(folder)
+    return tuple(Drawn(stem, own.get(stem) or _drawn(stem, make, folder, formats), caption_of(stem)) for stem, make in named)
 
 
 def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
     """The same for another process to gather (``named.gathered``): each element in a file of its own."""
-    for each in drawn_for_page(figures, folder, formats):
-        (folder / f"{each.stem}{FRAGMENT}").write_text(each.svg, encoding="utf-8")
+    for stem, make in figures:
+        (folder / f"{stem}{FRAGMENT}").write_text(_drawn(stem, make, folder, formats), encoding="utf-8")
+
+
+def _drawn(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> str:
+    figure = make()
+    save_figure(figure, folder, stem, formats)
+    return page_svg(figure, stem)
+
+
+def _may_fork() -> bool:
+    """Whether a fork is safe: this thread is the only one, and no system library of the platform forbids it."""
+    return hasattr(os, "fork") and sys.platform != "darwin" and threading.active_count() == 1
 
 
 def page_svg(figure: Figure, stem: str) -> str:

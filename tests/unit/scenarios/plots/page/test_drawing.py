@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
+from pathlib import Path as FilePath
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,7 +16,8 @@ from matplotlib.path import Path
 from matplotlib.transforms import IdentityTransform
 
 from scenarios.plots.page.captions import CAPTIONS, caption_of
-from scenarios.plots.page.drawing import description, page_svg
+from scenarios.plots.page.drawing import description, drawn_for_page, leave_for_page, page_svg
+from scenarios.plots.page.named import gathered
 from scenarios.plots.page.path_text import DOT, TOLERANCE, dots_data, path_data
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 
@@ -113,3 +118,22 @@ def test_captions_know_records_and_methods() -> None:
     assert caption_of("fit") == CAPTIONS["fit"] and caption_of("fit_2") == f"{CAPTIONS['fit']} (record 2)"
     assert caption_of("fit_other") == CAPTIONS["fit_other"] and caption_of("innovations_ukf-two").endswith("(ukf-two)")
     assert caption_of("some_thing") == "Some thing"
+
+
+def one() -> Figure:
+    return noisy(20, 1)[0]
+
+
+def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"])
+    found = []
+    for name, count, fork in (("alone", 2, os.fork), ("failed", 1, lambda: gone.pid)):
+        monkeypatch.setattr("threading.active_count", lambda count=count: count)
+        monkeypatch.setattr(os, "fork", fork)
+        (tmp_path / name).mkdir()
+        found.append(drawn_for_page([(stem, one) for stem in ("record", "fit", "errors")], tmp_path / name, ()))
+        assert list((tmp_path / name).iterdir()) == []
+    gone.returncode = 1  # it was waited for
+    assert found[0] == found[1] and [each.stem for each in found[0]] == ["record", "fit", "errors"]
+    leave_for_page([("fit", one)], tmp_path, ())
+    assert gathered(tmp_path) == {"fit": found[0][1].svg}
