@@ -44,7 +44,7 @@ _HINTS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FilterHistory:
     """What a filter did, sample by sample (N samples, n states and free parameters, m outputs).
 
@@ -81,8 +81,11 @@ class FilterHistory:
     sensitivity: np.ndarray
     innovation_covariance: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"<FilterHistory: {len(self.names)} states and parameters over {self.time.size} samples>"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """Parameters estimated from one or several records.
 
@@ -113,6 +116,9 @@ class Estimate:
     history: FilterHistory | None = None
     iterations: int = 1
     message: str = ""
+
+    def __repr__(self) -> str:
+        return f"<Estimate by {self.method}, {self.outcome.code}: {', '.join(self.names[:12])}{', ...' if len(self.names) > 12 else ''}>"
 
     @property
     def std(self) -> np.ndarray:

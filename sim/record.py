@@ -18,7 +18,7 @@ class Hold(Enum):
     LINEAR = "linear"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Channel:
     """One measured signal.
 
@@ -42,12 +42,15 @@ class Channel:
         valid = np.isfinite(raw)
         return Channel(name, unit, _frozen(np.where(valid, raw, 0.0)), _frozen(valid))
 
+    def __repr__(self) -> str:
+        return f"<Channel {self.name} ({self.unit}), {self.values.size} samples>"
+
     def with_gaps(self) -> np.ndarray:
         """Values with NaN where a sample is missing, for writing and plotting only."""
         return np.where(self.valid, self.values, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Record:
     """Measured signals on one time base.
 
@@ -120,6 +123,9 @@ class Record:
     @property
     def output_names(self) -> tuple[str, ...]:
         return tuple(channel.name for channel in self.outputs)
+
+    def __repr__(self) -> str:
+        return f"<Record {self.name}: {len(self)} samples of {', '.join(channel.name for channel in self.channels)}>"
 
     def __len__(self) -> int:
         return int(self.time.size)

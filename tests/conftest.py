@@ -1,4 +1,4 @@
-"""What holds for every test: one BLAS thread, and hypothesis examples that are the same on every run."""
+"""What holds for every test: one BLAS thread, hypothesis examples that are the same on every run, no lines of progress however slow it is."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import os
 
 from hypothesis import settings
 
+from scenarios.terminal import progress
+
 # Set before any test imports numpy; small matrices gain nothing from threads, and processes inherit it.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 settings.register_profile("flightid", deadline=None, derandomize=True)
 settings.load_profile("flightid")
+progress.EVERY = 1e6  # s; a command's stderr is empty on a busy machine, too

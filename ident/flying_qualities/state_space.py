@@ -89,10 +89,12 @@ def _linear(g: Callable[..., Any], x: list[float], u: list[float], p: list[float
 def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
     """The model as python-control's, with its names; each delay as a Pade approximation of this order, left out when it is zero.
 
-    The states of an approximation follow those of the model, named after the input.
+    The states of an approximation follow those of the model, named after the input. Raises ModelError of a model without inputs.
     """
     import control
 
+    if not space.inputs:
+        raise ModelError("a model without an input is none for python-control", where="to_control", remedy="take its matrices A and C themselves")
     A, B, C, D = space.A, space.B, space.C, space.D
     names = [signal.name for signal in space.states]
     for i, signal in enumerate(space.inputs):

@@ -19,7 +19,7 @@ from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.verdict import Judgement, claims_of, hardly_better, judge, no_better, not_noise, residual_tests
 
-WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES)  # of a set that leaves noise and may not be claimed
+WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES, Concern.ONE_CAUSE)  # of a set that leaves noise and may not be claimed
 
 
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:

@@ -12,6 +12,8 @@ import numpy as np
 from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.weighed import Weighed
+from ident.whole_record.layout import FitSettings
+from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 
@@ -48,6 +50,7 @@ class Concern(Enum):
     UNDETERMINED = "what fits best has numbers that the records do not determine"
     ROWS_MISSING = "what fits best acts where rows are missing"
     DERIVATIVES = "a derivative is far from what the vehicle file says"
+    ONE_CAUSE = "effects that fit together stand for one cause"
     UNLIKELY = "something that is not named is likelier"
     GOES_WITH_MOTION = "what process noise would explain goes with the motion"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
@@ -127,7 +130,8 @@ class Candidate:
     """Evidence on one candidate added to one fitted model of the search; ``within`` names the effects that were already in it.
 
     ``gain`` is that of the log likelihood; ``p_value`` of that gain where the fitted model is true, for the parameters added;
-    ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
+    ``held_out_change`` the relative change of the error on data not fitted (negative is better), ``held_out_scatter`` its
+    standard deviation under resampling of blocks; None where not computed.
     ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says whether it was
     cross-validated, and why not, where that was asked.
     """
@@ -143,6 +147,7 @@ class Candidate:
     held_out_change: float | None = None
     collinear_with: tuple[str, ...] = ()
     remark: str = ""
+    held_out_scatter: float | None = None
 
 
 @dataclass(frozen=True)
@@ -176,6 +181,20 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
+class Trained:
+    """What the fitted records say of a model with effects: all that a free simulation of another record takes from them.
+
+    ``shared`` by parameter; ``own``, one mapping a fitted record, by the parameters that are each record's own and by ``STATE(0)``.
+    """
+
+    effects: tuple[Traceable, ...]
+    outputs: tuple[str, ...]
+    shared: Mapping[str, float]
+    own: tuple[Mapping[str, float], ...]
+    settings: FitSettings
+
+
+@dataclass(frozen=True, eq=False)
 class FittedRecord:
     """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a sample was set aside."""
 
@@ -186,19 +205,22 @@ class FittedRecord:
     used: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """The tracing loop's result.
 
     Attributes
     ----------
     before, after : derivatives of the declared model and of the final one. derived_before, derived_after : frequency, damping, ...
-    error_before, error_after, noise_floor : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
+    error_before, error_after : on ``predictions``; ``held_out`` False where these were fitted. ``used_to_choose`` : they were not
         fitted, but took part in choosing effects.
+    noise_floor : sensor noise by channel: the level of the fit where its residual is white, else estimated from the residual's high
+        frequencies. residual_std : the level of the fit, whatever is in it.
     tests_before, tests_after : residual tests. steps, candidates : how the search went.
     seconds : time by stage. scatter : standard deviation of declared parameters between fits of single records, where they were made.
     modes_before, modes_after : numbers of the modes from which levels of flying qualities follow, None where there are none.
     stopped : the search, or a stage of it, ended at its means.
+    trained_before, trained_after : what another record is predicted with.
     inflation : the factor that differences between records put on sigmas of these parameters, after; those before have one of their own.
     """
 
@@ -224,8 +246,15 @@ class Diagnosis:
     inflation: Mapping[str, float] = field(default_factory=dict)
     used_to_choose: bool = False
     stopped: bool = False
+    residual_std: Mapping[str, float] = field(default_factory=dict)
     modes_before: Characteristics | None = None
     modes_after: Characteristics | None = None
+    trained_before: Trained | None = None
+    trained_after: Trained | None = None
+
+    def __repr__(self) -> str:
+        named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
+        return f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and {len(self.predictions)} predicted>"
 
 
 class Silent:

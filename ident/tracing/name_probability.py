@@ -99,7 +99,8 @@ def _with_probability(claim: Claim, others: Sequence[str], twins: Collection[str
     if not claim.claimed or claim.weighed is None:
         return claim
     told = name_probabilities(claim.name, others, claim.weighed, twins)
-    return replace(claim, probability=told, alternatives=_likely_enough(claim, told, {*twins, *claim.weighed.same}))
+    weighed = replace(claim.weighed, twins=tuple(twins))
+    return replace(claim, probability=told, weighed=weighed, alternatives=_likely_enough(claim, told, {*twins, *claim.weighed.same}))
 
 
 def _likely_enough(claim: Claim, told: Mapping[str, float], alike: Collection[str]) -> tuple[str, ...]:

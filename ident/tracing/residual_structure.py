@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.statistics.coloured_covariance import autocovariance
+from ident.statistics.residuals import ResidualTest
+from ident.statistics.sensor_noise import sensor_noise, used_runs
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
 
@@ -72,6 +74,21 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
     where, begin, end, times = _when(parts, rms)
     number = next(n for n, item in enumerate(fitted) if item is where)
     return Leftover(channel, where.record[channel].unit, rms, neighbours, peak, below, number, begin, end, times, _company(parts))
+
+
+def noise_floors(fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]) -> dict[str, float]:
+    """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of the residual's high frequencies.
+
+    A residual that tells none keeps its level; no noise is larger than it.
+    """
+    coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
+    out = dict(levels)
+    for name in coloured & set(levels):
+        parts = [_part(item, name) for item in fitted if name in item.channels and name in item.record.output_names]
+        runs = [run for part in parts for run in used_runs(part.item.record.time, part.residual, part.used)]
+        found = sensor_noise(runs)
+        out[name] = min(levels[name], found) if found is not None else levels[name]
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
+from ident.tracing.residual_structure import noise_floors
 from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.detection import final_spikes
@@ -105,19 +106,27 @@ def reported(
         return form_spread(problem, fitted) if judgement.verdict is not Verdict.UNEXPLAINED else {}
 
     under = _derivatives(problem, best, inflation, spread(best))
+    levels = {name: std for name, std in noise_levels(best.fit).items() if name in channels}
+    fitted = tuple(
+        FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), problem.masks[r])
+        for r, record in enumerate(problem.records)
+    )
     claims = with_probabilities(judgement.claims, problem.twins)
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(_under_each(ledger, best, _inflated(claim, inflation), under, inflation, spread) for claim in claims),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
+        trained_before=root.trained,
+        trained_after=best.trained,
         modes_before=_characteristics(root, before.scatter.inflation),
         modes_after=_characteristics(best, inflation),
         derived_before=_derived(root, before.scatter.inflation),
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),
         error_after=error_figures([p.after for p in predictions], shown, masks, channels),
-        noise_floor={name: std for name, std in noise_levels(best.fit).items() if name in channels},
+        noise_floor=noise_floors(fitted, judgement.tests.all, levels),
+        residual_std=levels,
         held_out=bool(validation),
         tests_before=before.tests,
         tests_after=judgement.tests.all,
@@ -125,10 +134,7 @@ def reported(
         candidates=ledger.evidence,
         warnings=judgement.cautions,
         predictions=tuple(predictions),
-        fitted=tuple(
-            FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), problem.masks[r])
-            for r, record in enumerate(problem.records)
-        ),
+        fitted=fitted,
         seconds=dict(seconds),
         scatter=after.scatter.scatter,
         inflation=inflation,

@@ -35,9 +35,11 @@ class ComparedSet:
 class Weighed:
     """What the probability of a claimed name rests on: the sets compared, the judged one among them, and the ground of the claim.
 
-    ``same`` : names under which the equations are the same (``Traits.same_as``).
+    ``same`` : names under which the equations are the same (``Traits.same_as``). ``twins`` : other descriptions of the same fault among what
+    was offered, which count as the name; none before its probability is asked for.
     """
 
     ground: Ground
     sets: tuple[ComparedSet, ...] = ()
     same: tuple[str, ...] = ()
+    twins: tuple[str, ...] = ()

@@ -1,6 +1,25 @@
 """The command line: what each command takes; the work is done in `scenarios.commands`, imported when it is run."""
 
-from scenarios.cli.application import app
-from scenarios.cli.entry import main
+from __future__ import annotations
+
+from typing import Any
 
 __all__ = ["app", "main"]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 130 stopped by Ctrl-C, 1 anything else."""
+    try:
+        from scenarios.cli.entry import run_typed
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    run_typed(arguments)
+
+
+def __getattr__(name: str) -> Any:
+    """``app``, the application, made when it is asked for."""
+    if name == "app":
+        from scenarios.cli.application import app
+
+        return app
+    raise AttributeError(name)

@@ -13,14 +13,14 @@ from scenarios.commands.arguments import each_validated
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Entry point: exit code 0 done, 2 bad usage or input (one line on stderr), 1 anything else."""
+def run_typed(arguments: list[str] | None = None) -> None:
+    """Run what was typed (None: in the shell) and end with its exit code, as ``scenarios.cli.main`` says."""
     for name in _THREADS:
         os.environ.setdefault(name, "1")  # read when NumPy is loaded, by the command itself
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:
-        code = app(args=each_validated([text for text in given if text != "--debug"]), standalone_mode=False)
+        code = app(args=each_validated([text for text in given if text != "--debug"]), prog_name="flightid", standalone_mode=False)
     except BaseException as error:
         if debug and not isinstance(error, SystemExit):
             raise

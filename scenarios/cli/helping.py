@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
+
+from scenarios.cli.examples import examples_text
+from scenarios.commands.failures import Stopped
 
 
 class GroupedCommands(TyperGroup):
@@ -20,3 +23,21 @@ class GroupedCommands(TyperGroup):
         for group, rows in groups.items():
             with formatter.section(group):
                 formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; Ctrl-C leaves with what it says is kept."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stopped:
+            raise Stopped(str(stopped)) from None
+
+
+class WithExamples(TyperCommand):
+    """A command whose help ends with examples, each on a line of its own however long it is."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the examples as they stand."""
+        text = examples_text(self.name or "")
+        if text:
+            formatter.write_paragraph()
+            formatter.write(f"{text}\n")

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import MODEL_NAMES, models, of, scenarios
+
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write the study into this folder.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, metavar="N", help="Seed of the random numbers; the scenario's own when left out.")]
 Changes = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change an entry of the scenario, e.g. flight.rate=50.")]
@@ -14,12 +16,17 @@ From = Annotated[
     list[float] | None, typer.Option("--from", metavar="T", help="Use the record from this time on, s; with --to again for each maneuver.")
 ]
 To = Annotated[list[float] | None, typer.Option("--to", metavar="T", help="Use the record up to this time, s.")]
-Held = Annotated[str | None, typer.Option("--hold", metavar="HOLD", help="Inputs between samples: previous or linear; else as the data say.")]
+Held = Annotated[
+    str | None,
+    typer.Option(
+        "--hold", metavar="HOLD", autocompletion=of("previous", "linear"), help="Inputs between samples: previous or linear; else as the data say."
+    ),
+]
 Rate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="Resample all channels to this rate behind one filter.")]
 Lowpass = Annotated[float | None, typer.Option("--lowpass", metavar="HZ", help="One zero-phase low-pass for all channels, inputs included.")]
 Trust = Annotated[bool, typer.Option("--trust-record", help="Take the raw columns as they are: warn of what they show, refuse and mask nothing.")]
 Model = Annotated[
-    str, typer.Option("--model", metavar="M", help="ballistic, rigid, flexible, loes, lateral, longitudinal, or FILE.py with a model of your own.")
+    str, typer.Option("--model", metavar="M", autocompletion=models, help=f"{', '.join(MODEL_NAMES)}, or FILE.py with a model of your own.")
 ]
 Records = Annotated[list[Path], typer.Argument(metavar="RECORD...", help="CSV, Parquet or MAT files of one vehicle.")]
 VehicleBeside = Annotated[
@@ -30,7 +37,7 @@ VehicleBeside = Annotated[
         help="Constants and starting values; else vehicle.toml beside the first record, if any.",
     ),
 ]
-Scenario = Annotated[str | None, typer.Argument(metavar="NAME", help="A scenario; none beside --model.")]
+Scenario = Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=scenarios, help="A scenario; none beside --model.")]
 OwnModel = Annotated[str | None, typer.Option("--model", metavar="FILE.py", help="A model of your own flies instead of a scenario; its file is run.")]
 TrueValues = Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="With --model: true values; else those of its file.")]
 Inputs = Annotated[
@@ -44,9 +51,29 @@ Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help=
 SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
 Figures = Annotated[
     list[str] | None,
-    typer.Option("--figures", metavar="FORMAT,...", help="Figures as png (usual), svg or pdf, several with commas; or none."),
+    typer.Option(
+        "--figures",
+        metavar="FORMAT,...",
+        autocompletion=of("png", "svg", "pdf", "none"),
+        help="Figures as png (usual), svg or pdf, several with commas; or none.",
+    ),
 ]
 NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, as --figures none.")]
-Class = Annotated[str | None, typer.Option("--class", metavar="I..IV", help="Class of the aircraft, for levels of flying qualities; II-C: carrier.")]
-Category = Annotated[str | None, typer.Option("--category", metavar="A|B|C", help="Category of the flight phase: A rapid, B gradual, C terminal.")]
+Class = Annotated[
+    str | None,
+    typer.Option(
+        "--class",
+        metavar="I..IV",
+        autocompletion=of("I", "II", "II-C", "III", "IV"),
+        help="Class of the aircraft, for levels of flying qualities; II-C: carrier.",
+    ),
+]
+Category = Annotated[
+    str | None,
+    typer.Option(
+        "--category", metavar="A|B|C", autocompletion=of("A", "B", "C"), help="Category of the flight phase: A rapid, B gradual, C terminal."
+    ),
+]
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the study's JSON document, as --out writes it, and nothing else.")]

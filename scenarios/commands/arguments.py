@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
+    from scenarios.preparation.plan import Plan
     from scenarios.trials.planted.own_flight import OwnFlight
 
 SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}  # options that take every word up to the next option
 NONE_MEANS = {"--profile": "all"}  # what such an option without a word stands for
-FLAGS = ("--figures", "--no-figures", "--trust-record")
+FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")
 BAND = ("--band",)  # options of two words
 FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record and no parameter
 
@@ -58,6 +59,13 @@ def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]
 def _unsaid(option: str, taken: int) -> list[str]:
     """What an option means that was given no word."""
     return [NONE_MEANS[option]] if option in NONE_MEANS and taken == 0 else []
+
+
+def one_segment(plan: Plan) -> Plan:
+    """A plan for one part of a record; DeclarationError where it has several."""
+    if len(plan.segments) > 1:
+        raise DeclarationError("a prediction is of one part of a record", where="--from, --to", remedy="give each of them once")
+    return plan
 
 
 def scenario_or_own(

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 from sim.errors import FlightidError
 
+STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
+
+
+class Stopped(Exception):
+    """Ctrl-C on its way through the command-line library, which would print a line of its own; the text says what is kept."""
+
 
 def report(error: BaseException) -> int:
-    """Print one line for an error and return the exit code: 2 bad usage or input, 1 anything else, 0 a clean exit.
+    """Print one line for an error and return the exit code: 2 bad usage or input, 130 Ctrl-C, 1 anything else, 0 a clean exit.
 
+    What a command keeps when it is stopped is the text of its KeyboardInterrupt; most keep nothing.
     The command-line library's own errors are known by their form, for it ships click under changing names.
     """
     if isinstance(error, SystemExit):
@@ -24,8 +30,8 @@ def report(error: BaseException) -> int:
     if isinstance(error, BrokenPipeError):
         return 1
     name = type(error).__name__
-    if isinstance(error, KeyboardInterrupt) or name == "Abort":
-        return _say("stopped", 1)
+    if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
+        return _say(f"stopped; {str(error) or 'nothing was written'}", STOPPED)
     if name == "NoArgsIsHelpError":
         return _say("no command is given; see flightid --help", 2)
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -33,18 +39,6 @@ def report(error: BaseException) -> int:
     if hasattr(error, "exit_code"):
         return int(error.exit_code)
     return _say(f"internal error: {name}: {error}; run it again with --debug and report what it prints", 1)
-
-
-@contextlib.contextmanager
-def named_after(file: str) -> Iterator[None]:
-    """Put the file in front of the place of an error that does not name it."""
-    try:
-        yield
-    except FlightidError as error:
-        if file in error.where:
-            raise
-        where = f"{file}, {error.where}" if error.where else file
-        raise type(error)(error.what, where=where, remedy=error.remedy) from None
 
 
 def _usage(error: Any) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from scenarios.commands.failures import named_after
+from scenarios.files.declarations import named_after
 
 
-def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> None:
-    """Write the record, a vehicle file for each model that it serves, and the truth in a file of its own."""
+def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write the record, a vehicle file for each model that it serves, and the truth in a file of its own; the files."""
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.trials.jsbsim.files import write_jsbsim
     from scenarios.trials.jsbsim.flight import fly_jsbsim
@@ -23,3 +23,4 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     print(f"{flight.aircraft} flown by JSBSim: {len(record)} samples, {record.time[-1]:g} s, {flight.maneuver}; the truth is in {kept.name}")
     for model, vehicle in vehicles.items():
         print(f"flightid identify {out} --model {model} --vehicle {vehicle}")
+    return [out, *vehicles.values(), kept]

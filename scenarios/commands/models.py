@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
+from scenarios.api.libraries import TITLES
 from scenarios.files.own_models import is_model_file, read_own_model
 from scenarios.files.vehicles import MODELS, refuse_unknown_model
 from scenarios.terminal.paragraphs import wrapped
@@ -16,14 +17,6 @@ from sim.errors import DeclarationError, ModelError
 if TYPE_CHECKING:
     from sim.declaration.model import Equations, Model
 
-TITLES = {
-    "ballistic": "a falling body: altitude from drag in an atmosphere that thins out",
-    "rigid": "the short period of a rigid aircraft: alpha and q from elevator",
-    "flexible": "the short period with elastic modes",
-    "loes": "low-order equivalent system: alpha, q from the stick, a delay",
-    "lateral": "sideslip, roll and yaw from aileron and rudder",
-    "longitudinal": "airspeed, alpha, attitude and q from elevator and thrust",
-}
 SAME = 1e-12  # relative, of a call with arrays to single ones: rounding
 NEAR = 1e-5  # of complex steps to differences, whose own error is smaller
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from scenarios.commands.stopping import flown, stopped_after
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
@@ -36,23 +37,25 @@ class Kind:
     tabled: Callable[[Sequence[Any]], tuple[str, tuple[str, ...], list[tuple[str, ...]]]]
 
 
-def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str]) -> None:
+def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
     """Fly, diagnose and mark ``runs`` flights from ``seed`` on (None: 1), print the table, and write it as ``campaign.json`` into ``out``."""
     if changes:
         raise DeclarationError(f"nothing of {name} can be changed", where="--set", remedy="leave it out")
     first = 1 if seed is None else seed
     kind = TRIALS[name]
-    with progress_bar() as progress:
-        found = of_each_seed(kind.fly, range(first, first + runs), progress, os.cpu_count() or 1)
-    title, headings, rows = kind.tabled(found)
-    print("\n".join([f"{name}: {runs} flights, seeds {first} to {first + runs - 1}", *table_lines(columns_of(headings, rows), title=title)]))
-    if out is not None:
-        content = {"schema": "flightid/campaign/1", "scenario": name, "first_seed": first, "runs": runs}
-        with study_folder(out, "campaign.json") as scratch:
-            tabled = [dict(zip(headings, row, strict=True)) for row in rows]
-            write_page(scratch, trials_page(name, first, runs, title, headings, rows))
-            write_json(scratch / "campaign.json", {**content, "table": tabled, "versions": versions()})
-        print(f"written to {out}")
+    seeds = range(first, first + runs)
+    with progress_bar(progress) as tell:
+        done = flown(lambda: of_each_seed(kind.fly, seeds, tell, os.cpu_count() or 1), seeds)
+    title, headings, rows = kind.tabled(done.found)
+    with stopped_after(len(done.seeds), runs, out):
+        print("\n".join([f"{name}: {len(done.seeds)} flights, {done.words}", *table_lines(columns_of(headings, rows), title=title)]))
+        if out is not None:
+            content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
+            with study_folder(out, "campaign.json") as scratch:
+                tabled = [dict(zip(headings, row, strict=True)) for row in rows]
+                write_page(scratch, trials_page(name, first, done.words, len(done.seeds), title, headings, rows))
+                write_json(scratch / "campaign.json", {**content, "table": tabled, "versions": versions()})
+            print(f"written to {out}")
 
 
 def _clean(seed: int) -> tuple[str, Alarm]:

@@ -14,7 +14,7 @@ from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
 from scenarios.preparation.plan import Plan, Segment
@@ -32,7 +32,8 @@ PRESSURE = "dynamic_pressure"
 class Check:
     """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
 
-    ``notes`` say how records were prepared, ``look`` what their raw columns show.
+    ``notes`` say how records were prepared, ``look`` what their raw columns show, ``simulated`` whether a
+    program made all of them, as the JSON beside them says.
     """
 
     result: Compatibility
@@ -42,6 +43,7 @@ class Check:
     vehicle: InputFile | None
     notes: tuple[str, ...] = ()
     look: RawLook = NOTHING_SEEN
+    simulated: bool = False
 
 
 def check_files(request: Request) -> Check:
@@ -65,7 +67,8 @@ def check_files(request: Request) -> Check:
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    return Check(result, records, settings, identities(files), vehicle, tuple(note for _, told, _ in read for note in told), look)
+    notes = tuple(note for _, told, _ in read for note in told)
+    return Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
@@ -99,12 +102,12 @@ def record_to_check(
     read = read_record(file, (), (), choices, segment.start, segment.stop, optional=known, hold=plan.hold)
     inputs = tuple(channel for channel in read.outputs if channel.name in INPUTS and np.all(channel.valid))
     outputs = tuple(channel for channel in read.outputs if channel.name not in INPUTS)
-    record = replace(read, inputs=inputs, outputs=outputs, name=named(file.path, segment, several=len(plan.segments) > 1))
+    record = replace(read, inputs=inputs, outputs=outputs, name=named(file.identity.name, segment, several=len(plan.segments) > 1))
     (record,), look = looked_at([_unwrapped(record)], _expected(vehicle), plan)
     record, of_speed = _with_speed(record, vehicle)
     if not measured_channels(record) and not recorded(record):
         what = f"none of the channels that the kinematics join ({', '.join(CHANNELS)})"
-        raise RecordError(what, where=file.path.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
+        raise RecordError(what, where=file.identity.name, remedy=f"name its columns so beside {TIME}, or give --channels a map")
     record, of_filter = filtered(record, plan)
     return record, tuple(said for said in (of_speed, of_filter) if said), look
 

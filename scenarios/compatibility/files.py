@@ -29,7 +29,7 @@ def write_check(check: Check, folder: str | Path, *, figures: Formats = USUAL) -
             from scenarios.compatibility.figures import check_figures
             from scenarios.plots.page.drawing import drawn_for_page
 
-            drawn = drawn_for_page(check_figures(check.result), scratch, figures)
+            drawn = drawn_for_page(check_figures(check.result, check.simulated), scratch, figures)
         write_page(scratch, check_page(check, drawn))
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)

@@ -73,14 +73,19 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
     DeclarationError : no such file, an error in it (with its line), no effects in it, an effect that lacks an attribute or has
         the name of one in the library, or none that can act on this model.
     """
-    from sim.effects.library import applies, library
-
     source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
     module = run_python(source, "effects")
     effects = getattr(module, "EFFECTS", getattr(module, "VARIANTS", None))
     if not isinstance(effects, tuple | list) or not effects:
         raise DeclarationError("it offers no effect", where=where, remedy="define EFFECTS, a tuple of effects, at its top level")
+    return checked_effects(effects, model, where)
+
+
+def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
+    """A user's effects that can act on a model; ``where`` says where they stand. Raises DeclarationError as ``read_effects``."""
+    from sim.effects.library import applies, library
+
     known = {effect.name for effect in library()}
     for effect in effects:
         _check(effect, where)

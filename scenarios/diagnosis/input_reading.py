@@ -68,9 +68,9 @@ def left_open(again: Diagnosis, first: Diagnosis) -> tuple[str, ...]:
 
 def _lowered(again: Diagnosis, first: Diagnosis) -> float:
     """By how much the second reading lowers the criterion: noise levels, and ln N for each number of the effects."""
-    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
+    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.residual_std}
     lower = sum(
-        2.0 * count * np.log(first.noise_floor[name] / again.noise_floor[name]) for name, count in counts.items() if name in again.noise_floor
+        2.0 * count * np.log(first.residual_std[name] / again.residual_std[name]) for name, count in counts.items() if name in again.residual_std
     )
     fewer = sum(len(found.parameters) for found in first.effects) - sum(len(found.parameters) for found in again.effects)
     return float(lower + fewer * np.log(max(sum(counts.values()), 2)))

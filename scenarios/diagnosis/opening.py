@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.diagnosis.candidates import read_effects
+from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
-from scenarios.files.measured.record_file import RecordFile, identities, read_record_files
+from scenarios.files.measured.record_file import RecordFile, identities, path_of, read_with_validation
 from scenarios.files.own_models import channel_units, is_model_file
-from scenarios.files.sources import InputFile, read_source
+from scenarios.files.sources import InputFile, Source, read_source
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_beside
 from scenarios.preparation.holding_out import split_off
 from scenarios.preparation.plan import Plan
@@ -55,12 +55,12 @@ class Posed:
     look: RawLook
 
 
-def opened_files(request: Request, vehicle: Path | None) -> Opened:
+def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
     """Vehicle, class and category, channel map and records, in this order; a fault of the first is told first."""
     declared = read_vehicle(vehicle, request.model)
     flown = flown_of(request, declared)
     choices = column_choices(request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS)
-    return Opened(declared, choices, read_record_files(request.records), read_record_files(request.validate), flown)
+    return Opened(declared, choices, *read_with_validation(request.records, request.validate), flown)
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
@@ -91,11 +91,13 @@ def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
     return ready
 
 
-def own_effects(path: Path | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """A user's effects that can act on the model, and the file that they came from."""
-    if path is None:
+def own_effects(given: Path | Sequence[Traceable] | None, model: Model) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
+    """A user's effects that can act on the model, and the file that they came from, if they came from one."""
+    if given is None:
         return (), ()
-    source = read_source(path, DeclarationError, "a Python file")
+    if not isinstance(given, Path):
+        return checked_effects(given, model, "effects"), ()
+    source = read_source(given, DeclarationError, "a Python file")
     return read_effects(source, model), (source.identity,)
 
 
@@ -105,11 +107,18 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
     return outputs_with_bias(model, [signal.name for signal in model.equations.outputs if signal.name in measured])
 
 
-def vehicle_path_of(request: Request) -> Path | None:
+def vehicle_path_of(request: Request) -> Path | Source | None:
     """The vehicle file, None where an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_beside(first)
     if chosen is None and not is_model_file(request.model):
         what = f"the {request.model} model needs constants and starting values"
-        raise DeclarationError(what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {first.name}")
+        raise DeclarationError(
+            what, where="--vehicle", remedy=f"name a vehicle file, or put {BESIDE} beside {path.name if (path := path_of(first)) else 'the record'}"
+        )
     return chosen
+
+
+def _name_of(record: Path | RecordFile) -> str:
+    path = path_of(record)
+    return path.name if path is not None else "a record file"

@@ -11,6 +11,7 @@ from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.files.channel_names import STICK
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
+from scenarios.preparation.plan import Plan
 from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from sim.declaration.model import Model
 from sim.declaration.traits import Traits
@@ -31,7 +32,7 @@ class Inputs:
     model: InputFile | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracing:
     """A diagnosis with what it was made from.
 
@@ -40,7 +41,9 @@ class Tracing:
     candidates by name. ``notes`` say how the records were prepared, one sentence each; ``doubts`` what in
     the files is likely to be wrong. ``kinematics``: what the records say without any aerodynamics, None where it was not asked.
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
-    ``effort``: how far the search looked. ``flown``: by which class and category levels of flying qualities are told.
+    ``plan``: how the records were to be read. ``effort``: how far the search looked. ``flown``: by which class and category levels of flying
+    qualities are told.
+    ``simulated``: whether a program made all records, as the JSON beside them says.
     """
 
     diagnosis: Diagnosis
@@ -59,6 +62,11 @@ class Tracing:
     overflows: int = 0
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)
+    plan: Plan = field(default_factory=Plan)
+    simulated: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"
 
     @property
     def stick_unit(self) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 
@@ -23,8 +24,8 @@ class ColumnChoice:
     unit: str | None = None
 
 
-def read_channel_map(path: str | Path, known: Iterable[str] = CHANNEL_UNITS) -> dict[str, ColumnChoice]:
-    """Channel name -> column, from a TOML file with lines such as ``alpha = {column = "AoA1", unit = "deg"}`` or ``alpha = "AoA1"``.
+def read_channel_map(path: str | Path | Mapping[str, Any], known: Iterable[str] = CHANNEL_UNITS) -> dict[str, ColumnChoice]:
+    """Channel name -> column, from a TOML file with lines such as ``alpha = {column = "AoA1", unit = "deg"}`` or ``alpha = "AoA1"``, or as a mapping.
 
     ``known``: all channels that there are.
 
@@ -36,6 +37,7 @@ def read_channel_map(path: str | Path, known: Iterable[str] = CHANNEL_UNITS) -> 
     from scenarios.files.declarations import checked, read_toml
 
     schema = channel_map(tuple(known))
-    chosen = checked(schema, read_toml(path), path)
+    content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
+    chosen = checked(schema, content, where)
     entries = {field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()}
     return {name: ColumnChoice(entry.column, entry.unit) for name, entry in entries.items() if entry is not None}

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from scenarios.files.sources import Source, read_source
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -33,8 +34,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     return toml_of(read_toml_source(path))
 
 
-def read_toml_source(path: str | Path) -> Source:
-    """A TOML file as it stands. Raises DeclarationError where it is missing or unreadable."""
+def read_toml_source(path: str | Path | Source) -> Source:
+    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is missing or unreadable."""
+    if isinstance(path, Source):
+        return path
     return read_source(path, DeclarationError, "a TOML file")
 
 
@@ -53,6 +56,18 @@ def toml_of(source: Source) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         what = f"not valid TOML: {' '.join(str(error).split())}"
         raise DeclarationError(what, where=where, remedy='write key = value, texts in "quotes"') from None
+
+
+@contextlib.contextmanager
+def named_after(file: str) -> Iterator[None]:
+    """Put the file in front of the place of an error that does not name it."""
+    try:
+        yield
+    except FlightidError as error:
+        if file in error.where:
+            raise
+        where = f"{file}, {error.where}" if error.where else file
+        raise type(error)(error.what, where=where, remedy=error.remedy) from None
 
 
 def checked(schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = "") -> Schema:

@@ -6,7 +6,9 @@ import errno
 import json
 import os
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,7 +49,8 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
             raise _unwritable(path, error) from None
         yield scratch
         try:
-            _move_in(scratch, target, main, made)
+            with _uninterrupted(path):
+                _move_in(scratch, target, main, made)
         except OSError as error:
             raise _unwritable(path, error) from None
     except BaseException:
@@ -58,6 +61,22 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
                 folder.rmdir()
         raise
     shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def _uninterrupted(path: str | Path) -> Iterator[None]:
+    """Ctrl-C waits until the files are in their place, which takes no time, and then says so: a study is there as a whole or not at all."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+    if came:
+        raise KeyboardInterrupt(f"the study in {path} is whole")
 
 
 def listed_files(main: Path) -> frozenset[str]:

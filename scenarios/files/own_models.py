@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,15 +29,15 @@ EXAMPLE = "MODEL = own_model(...) as docs/own-models.md shows"
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """A model that a file declares, at the file's own starts, and the file with its hash."""
+    """A model that a file declares, at the file's own starts, and the file with its hash; of one that never was in a file its name and numbers'."""
 
     model: Model
     identity: InputFile
 
 
-def is_model_file(name: str) -> bool:
-    """Whether ``--model`` names a user's file: one that ends in .py, or a path."""
-    return name.endswith(SUFFIX) or "/" in name
+def is_model_file(name: str | OwnModel) -> bool:
+    """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory is as good."""
+    return isinstance(name, OwnModel) or name.endswith(SUFFIX) or "/" in name
 
 
 def is_own(model: Model) -> bool:
@@ -88,7 +89,21 @@ def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel
     module = run_python(source, "model")
     if not hasattr(module, "MODEL"):
         raise DeclarationError("it declares no MODEL", where=where, remedy=f"put {EXAMPLE} at its top level")
-    model = module.MODEL
+    model = checked_model(module.MODEL, where, built_in)
+    equations: Any = model.equations
+    _refuse_unused(model, equations, source)
+    return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+
+
+def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
+    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as ``read_own_model``."""
+    own = checked_model(model, "model", built_in)
+    numbers = repr([(item.name, item.value, item.unit, item.free) for item in (*own.parameters, *own.initial)])
+    return OwnModel(own, InputFile(own.name, hashlib.sha256(f"{own.name}: {numbers}".encode()).hexdigest()))
+
+
+def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> Model:
+    """The model, if it is one of a user's own whose names can serve. Raises DeclarationError."""
     if not isinstance(model, Model) or not is_own(model):
         raise DeclarationError(f"its MODEL is of type {type(model).__name__}", where=where, remedy=f"make it with own_model, {EXAMPLE}")
     if model.name in built_in:
@@ -96,9 +111,7 @@ def read_own_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel
     for name in NOT_KEYS:
         if name in model.parameters and not model.parameters[name].free:
             raise DeclarationError(f"a constant {name!r} has no place in a vehicle file", where=where, remedy="give it another name")
-    equations: Any = model.equations
-    _refuse_unused(model, equations, source)
-    return OwnModel(replace(model, equations=replace(equations, explanation=(module.__doc__ or "").strip())), source.identity)
+    return model
 
 
 def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:

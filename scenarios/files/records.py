@@ -10,9 +10,9 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
 from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.cells import Numbers, Table, mark_fault, numbers
 from scenarios.files.measured.columns import Column, column_place, find_column, missing_column, named_otherwise
 from scenarios.files.measured.record_file import RecordFile, read_record_file
-from scenarios.files.measured.tables import Numbers, Table, numbers
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 from sim.record import Channel, Hold, Record
@@ -37,7 +37,7 @@ def read_record(
     source : ``.csv`` (also ``.gz``), ``.parquet`` or ``.mat``; or the file as it was read.
     model_inputs : inputs; each must be there, without a gap.
     model_outputs : outputs; those that are absent are left out, one must be there.
-    channel_map : channel -> column, where headers are not ours.
+    channel_map : channel -> column, where headers are not ours; else the file's own.
     start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
     optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a column of theirs without a single
         number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
@@ -45,7 +45,7 @@ def read_record(
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
     known : all channels that there are, and their units inside.
     SI, radians and g inside; the stick keeps its numbers and its unit as a label. Columns that nobody asked
-    for are never looked at. Row numbers in messages are the file's: the header of a CSV file is row 1, the
+    for are never looked at. Row numbers in messages are the file's: the first line of a CSV file is row 1, the
     first sample of a Parquet or MAT file is row 1.
 
     The window is one block of rows in the file's order. Each of its two ends is put where it contradicts the fewest
@@ -56,7 +56,7 @@ def read_record(
     RecordError : anything that keeps the file from being used as it stands.
     """
     file = source if isinstance(source, RecordFile) else read_record_file(source)
-    table = file.table
+    table, channel_map = file.table, channel_map or file.choices
     further = {name for name in optional if name not in (*model_inputs, *model_outputs)} if model_outputs else set()
     wanted = [TIME, *model_inputs, *model_outputs, *(name for name in optional if name not in model_outputs)]
     columns = _columns(file, wanted, further, channel_map, known)
@@ -81,6 +81,14 @@ def read_record(
     )
 
 
+def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
+    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
+    column = _columns(file, [TIME], set(), file.choices, CHANNEL_UNITS)[TIME]
+    if column is None:
+        raise missing_column(TIME, file.table.header, file.table.file)
+    return _time(file.table, column, start, stop)
+
+
 def _columns(
     file: RecordFile, names: Sequence[str], further: set[str], channel_map: Mapping[str, ColumnChoice] | None, known: Mapping[str, str]
 ) -> dict[str, Column | None]:
@@ -89,7 +97,7 @@ def _columns(
     return {
         name: None
         if name in further and named_otherwise(name, header, channel_map)
-        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known)
+        else find_column(name, header, file.table.file, channel_map, file.sidecar.units, known, file.table.units)
         for name in names
     }
 
@@ -167,12 +175,12 @@ def _channel(table: Table, column: Column, rows: slice, *, is_input: bool) -> Ch
 
 
 def _empty(table: Table, column: Column, rows: slice) -> bool:
-    content = numbers(table.columns[column.index])
+    content = numbers(table, column.index)
     return not np.any(~np.isnan(content.values[rows])) and not any(position in range(rows.start, rows.stop) for position in content.texts)
 
 
 def _sized(table: Table, column: Column) -> Numbers:
-    content = numbers(table.columns[column.index])
+    content = numbers(table, column.index)
     if content.values.size != table.rows.size:
         what = f"{content.values.size} values for {table.rows.size} times"
         raise RecordError(what, where=column_place(table.file, column), remedy="give each time one value")
@@ -184,7 +192,7 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what, where = f"{table.ragged[position]} cells under a header of {len(table.header)}", f"{table.file}, row {table.rows[position]}"
-        raise RecordError(what, where=where, remedy="give each row one cell a column, empty where a sample is missing")
+        raise RecordError(what, where=where, remedy=_row_remedy(table, position))
     texts = [position for position in content.texts if position in inside]
     infinite = [rows.start + int(position) for position in np.flatnonzero(np.isinf(content.values[rows]))]
     if not texts and not infinite:
@@ -193,10 +201,17 @@ def _check_cells(table: Table, column: Column, content: Numbers, rows: slice) ->
     where = _cell(table, column, position)
     if position in content.texts:
         text = content.texts[position]
+        if (fault := mark_fault(table, text)) is not None:
+            raise RecordError(fault[0], where=where, remedy=fault[1])
         shown = repr(text if len(text) <= 40 else text[:37] + "...")
         raise RecordError(f"{shown} is not a number", where=where, remedy="write a number, or leave the cell empty where the sample is missing")
     remedy = "give every row a finite time" if column.channel == TIME else "leave the cell empty where the sample is missing"
     raise RecordError("an infinite value" if column.channel != TIME else "time is infinite", where=where, remedy=remedy)
+
+
+def _row_remedy(table: Table, position: int) -> str:
+    more = table.separator == "," and table.ragged[position] > len(table.header)
+    return f"give each row one cell a column, {'numbers with points, not decimal commas' if more else 'empty where a sample is missing'}"
 
 
 def _cell(table: Table, column: Column, position: int) -> str:

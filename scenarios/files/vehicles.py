@@ -10,6 +10,7 @@ from typing import Any
 
 from scenarios.files.constraints import NONE, Constraints, refuse_nothing_left, said_where_it_stands, take_constraints
 from scenarios.files.declarations import checked, read_toml_source, toml_of
+from scenarios.files.measured.record_file import RecordFile, path_of
 from scenarios.files.own_models import OwnModel, is_model_file, own_numbers, read_own_model
 from scenarios.files.sources import InputFile, Source
 from sim.declaration.model import Model
@@ -50,6 +51,7 @@ class VehicleFile:
     aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV, category A to C of MIL-F-8785C.
     own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the file that declares it.
     constraints : parameters that the file fixes, bounds or ties; their starts stand among the derivatives.
+    text : the file as it stands, empty where there is none.
     """
 
     name: str
@@ -63,28 +65,30 @@ class VehicleFile:
     aircraft_class: str | None = None
     flight_phase: str | None = None
     constraints: Constraints = NONE
+    text: str = field(default="", compare=False)
 
 
-def vehicle_beside(record: Path) -> Path | None:
+def vehicle_beside(record: Path | RecordFile) -> Path | None:
     """``vehicle.toml`` in a record's folder, None where there is none."""
-    beside = record.parent / BESIDE
-    return beside if beside.is_file() else None
+    path = path_of(record)
+    beside = path.parent / BESIDE if path is not None else None
+    return beside if beside is not None and beside.is_file() else None
 
 
-def refuse_unknown_model(model: str, where: str) -> None:
+def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
     """Raise DeclarationError where there is no such model; whether a user's file declares one is for its reader to say."""
     if model not in MODELS and not is_model_file(model):
         raise DeclarationError(f"there is no model {model!r}", where=where, remedy=f"use one of {', '.join(MODELS)}, or a Python file of your own")
 
 
-def read_vehicle(path: str | Path | None, model: str) -> VehicleFile:
-    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's model file, which alone can do without (None).
+def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
+    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model, which alone can do without (None).
 
     Raises DeclarationError, also where there is no such file.
     """
-    refuse_unknown_model(model, str(path))
-    if is_model_file(model):
-        own = read_own_model(model, MODELS)
+    refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
+    if isinstance(model, OwnModel) or is_model_file(model):
+        own = model if isinstance(model, OwnModel) else read_own_model(model, MODELS)
         return own_vehicle(own, None if path is None else read_toml_source(path))
     if path is None:
         what = f"the {model} model needs constants and starting values"
@@ -97,15 +101,16 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     name, model, laid_down = own_numbers(own, source) if source is not None else (own.model.name, own.model, NONE)
     constants, starts = ({item.name: item.value for item in model.parameters if item.free is free} for free in (False, True))
     identity = own.identity if source is None else source.identity
-    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down)
+    text = source.content.decode("utf-8-sig") if source is not None else ""
+    return VehicleFile(name, model.name, constants, starts, (), identity, model, own.identity, constraints=laid_down, text=text)
 
 
-def read_any_vehicle(path: str | Path) -> VehicleFile:
+def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
     """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError where it is for none, or wrong."""
     source = read_toml_source(path)
     content = toml_of(source)
     if "density_scale_height" in content or "air_density_reference" in content:
-        raise DeclarationError("this is a falling body's file, without an airspeed", where=str(path), remedy="give the file of an aircraft")
+        raise DeclarationError("this is a falling body's file, without an airspeed", where=str(source.path), remedy="give the file of an aircraft")
     return vehicle_of(source, next((model for model, keys in _TOLD_BY.items() if all((key in content) is there for key, there in keys)), "rigid"))
 
 
@@ -149,6 +154,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
         source.identity,
         **{key: vehicle.get(key) for key in FLOWN},
         constraints=laid_down,
+        text=source.content.decode("utf-8-sig"),
     )
 
 

@@ -16,3 +16,11 @@ def versions() -> dict[str, str]:
         with contextlib.suppress(PackageNotFoundError):
             found[package] = version(package)
     return found
+
+
+def own_version() -> str:
+    """The version of this package; ``"0+unknown"`` of a checkout that was never installed."""
+    try:
+        return version("flightid")
+    except PackageNotFoundError:
+        return "0+unknown"

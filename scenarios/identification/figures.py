@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.identification.assessment.prediction import RecordFit
+from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.display import axis_label, display_unit
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
 from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
@@ -20,16 +21,20 @@ from scenarios.plots.style import LABEL_SIZE, LIGHT, MEASURED, TRUE, finish, mak
 from sim.record import Record
 
 
-def identification_figures(found: Identification, measured: Record) -> Iterator[Named]:
-    """The figures of a measured record's identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded."""
+def identification_figures(found: Identification, measured: Record, data: str = MEASURED_DATA) -> Iterator[Named]:
+    """The figures of an identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded.
+
+    ``data``: what the samples are called.
+    """
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    yield "record", partial(figure_record, measured, title)
+    yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
-    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    yield "fit", partial(figure_fit, found.record, [response], None, title, noise)
-    yield from other_records(found, noise)
+    # Bands are those of the sensors: what a coloured residual holds besides is no noise.
+    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True)) | estimated_noise(found)
+    yield "fit", partial(figure_fit, found.record, [response], None, title, noise, data)
+    yield from other_records(found, noise, data)
     if found.band is not None and found.fits[0].figures is not None:
-        yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title)
+        yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
     if estimate.history is not None:
         followed = [(name, unit) for name, unit in zip(estimate.names, estimate.units, strict=True) if name in estimate.history.names]
         names, kinds = zip(*followed, strict=True)  # a delay that a bank found has no history
@@ -40,7 +45,7 @@ def identification_figures(found: Identification, measured: Record) -> Iterator[
         yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
 
 
-def other_records(found: Identification, noise: Mapping[str, float]) -> Iterator[Named]:
+def other_records(found: Identification, noise: Mapping[str, float], data: str = MEASURED_DATA) -> Iterator[Named]:
     """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``, ... of those that were not fitted."""
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -52,11 +57,11 @@ def other_records(found: Identification, noise: Mapping[str, float]) -> Iterator
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
         response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
-        yield name, partial(figure_fit, each.record, [response], None, title, noise)
+        yield name, partial(figure_fit, each.record, [response], None, title, noise, data)
 
 
-def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[float, float], title: str = "") -> Figure:
-    """Amplitudes of the measured and the simulated outputs and of their difference at the record's harmonics; what was fitted is shaded.
+def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[float, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """Amplitudes of the recorded and the simulated outputs and of their difference at the record's harmonics; what was fitted is shaded.
 
     Of a transform over the root of the number of samples, so that white noise has its own standard deviation at every frequency. Angles in
     degrees.
@@ -72,9 +77,9 @@ def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[floa
         rows = bridged, each.simulated[each.outputs.index(channel.name)]
         measured, simulated = (unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows)
         panel.axvspan(*band, color=LIGHT, alpha=0.5, linewidth=0, label="fitted")
-        panel.plot(frequency, np.abs(measured), label="measured", **{**MEASURED, "markersize": 5.0})
-        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0))
-        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1))
+        panel.plot(frequency, np.abs(measured), label=data, **{**MEASURED, "markersize": 5.0})
+        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0, alone=True))
+        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1, alone=True))
         if channel.name in noise:
             panel.axhline(unit.factor * noise[channel.name], label="noise level of the fit", **TRUE)
         panel.set_xscale("log")

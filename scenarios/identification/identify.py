@@ -25,6 +25,7 @@ from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.methods import FILTERS, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
+from scenarios.identification.training import trained_by
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -98,6 +99,8 @@ def identify(
         intervals=_intervals(records, bounded, outputs, estimate, settings, options),
         band=options.band,
         fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
+        trained=trained_by(compile_model(bounded, outputs), estimate.as_dict(), settings),
+        biased=biased.biases,
     )
 
 
@@ -138,7 +141,8 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record],
     values = {**found.estimate.as_dict(), **{name: value for name, (value, _) in found.fixed.items()}}
     fits = record_fits([record], held_out, system, values, settings)
     modes = characteristics(compile_model(model), found.estimate)
-    return replace(found, cautions=cautions_of(vehicle, found.estimate, found.rows), fits=fits, modes=modes, system=compile_model(model))
+    cautions, trained = cautions_of(vehicle, found.estimate, found.rows), trained_by(system, values, settings)
+    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained, biased=tuple(outputs))
 
 
 def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:

@@ -8,6 +8,7 @@ from ident.estimate import Estimate
 from ident.flying_qualities.characteristics import Characteristics
 from ident.statistics.profile import ProfileInterval
 from ident.statistics.residuals import ResidualTest
+from ident.tracing.diagnosis import Trained
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.bounds import AtBound
 from scenarios.identification.assessment.prediction import RecordFit
@@ -18,7 +19,7 @@ from sim.declaration.system import System
 from sim.record import Record
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification:
     """What measured records say of a model: ``rows`` its parameters, ``biases`` the sensors' where the method gives them a sigma.
 
@@ -28,7 +29,7 @@ class Identification:
     ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
     ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
     likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
-    the frequency domain.
+    the frequency domain. ``trained``: what another record is predicted with; ``biased``: outputs with a free bias there.
     """
 
     record: Record
@@ -53,6 +54,11 @@ class Identification:
     intervals: tuple[ProfileInterval, ...] = ()
     fits: tuple[RecordFit, ...] = ()
     band: tuple[float, float] | None = None
+    trained: Trained | None = None
+    biased: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"
 
 
 @dataclass(frozen=True)

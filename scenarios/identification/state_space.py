@@ -16,6 +16,8 @@ from ident.flying_qualities.whole_axes import LONGITUDINAL_STATES, level_flight
 from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.own_models import inputs_at_rest
 from scenarios.identification.result import Identification
+from sim.declaration.model import Model
+from sim.declaration.system import System
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
 
@@ -24,12 +26,16 @@ NEIGHBOURS = 11  # samples whose slope is the velocity of a falling body
 
 
 def state_space_of(found: Identification) -> StateSpace:
-    """The identified model about level flight where it has totals, about rest elsewhere, of a falling body about the middle of its record.
-
-    Raises DeclarationError where there is no such point.
-    """
+    """The identified model as ``linearised``."""
     assert found.system is not None
-    system, values = found.system, found.estimate.as_dict()
+    return linearised(found.system, found.estimate.as_dict(), found.record, found.vehicle.own)
+
+
+def linearised(system: System, values: Mapping[str, float], record: Record, own: Model | None = None) -> StateSpace:
+    """A model about level flight where it has totals, about rest elsewhere, of a falling body about the middle of its record.
+
+    ``own``: a user's own model, which says itself where it rests. Raises DeclarationError where there is no such point.
+    """
     names = set(system.state_names)
     if names.issuperset(LONGITUDINAL_STATES):
         p = system.parameters.with_values({name: value for name, value in values.items() if name in system.parameters}).values()
@@ -38,10 +44,10 @@ def state_space_of(found: Identification) -> StateSpace:
             what = "the identified model has no level flight at its reference airspeed"
             raise DeclarationError(what, where="--state-space", remedy="fit a record that tells elevator and lift")
         return state_space(system, values, *level)
-    if found.vehicle.own is not None:
-        return state_space(system, values, found.vehicle.own.initial.values().tolist(), inputs_at_rest(found.vehicle.own))
+    if own is not None:
+        return state_space(system, values, own.initial.values().tolist(), inputs_at_rest(own))
     if "altitude" in names:
-        return state_space(system, values, [_middle(found.record)[name] for name in system.state_names])
+        return state_space(system, values, [_middle(record)[name] for name in system.state_names])
     return state_space(system, values)
 
 

@@ -11,6 +11,7 @@ from scenarios.pages.model import BY_ROW, Block, Column, Prose, Table
 from scenarios.pages.numbers import PURE, Cell, Number, read_cell, signs
 from scenarios.pages.wording import capital, sentence
 from scenarios.terminal.listening import Told, listened
+from scenarios.terminal.tables import Column as Printed
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,6 +64,11 @@ def rows_table(
     cells = tuple(tuple(row[at] for row in rows) for at in range(len(headings)))
     made = told_table(Told(caption, tuple(zip(headings, cells, strict=True))), units) if rows else Table(caption, tuple(map(Column, headings)), ())
     return Table(caption, made.columns, made.rows, made.units, printed)
+
+
+def columns_table(caption: str, columns: Sequence[Printed], units: Mapping[str, str] = MappingProxyType({})) -> Table:
+    """A table of which there are the columns that a terminal prints."""
+    return told_table(Told(caption, tuple((column.heading, tuple(column.cells)) for column in columns)), units)
 
 
 def _with_sigma(cell: Cell, sigma: Cell) -> Cell:

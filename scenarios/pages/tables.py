@@ -10,6 +10,7 @@ from ident.statistics.residuals import ResidualTest
 from scenarios.pages.model import BY_ROW, Column, Table
 from scenarios.pages.numbers import PURE, Cell, Number, estimate, known
 from scenarios.pages.printed import SIGMAS
+from scenarios.terminal.display_units import shown_in
 
 _TESTS = {"ljung-box": "whiteness", "nis": "size of the innovations"}
 
@@ -41,6 +42,8 @@ class Estimated(Protocol):
 
 def estimates_table(caption: str, rows: Sequence[Estimated], starts: Mapping[str, float] | None = None) -> Table:
     """Each parameter with its sigma, beside it what there is: true, condensed, published value, where the search began."""
+    shown = {row.name: shown_in(row.unit, row.name) for row in rows}
+    factors = [shown[row.name].factor for row in rows]
     columns: list[Column] = [Column("parameter")]
     cells: list[list[Cell]] = [[row.name for row in rows]]
 
@@ -50,18 +53,26 @@ def estimates_table(caption: str, rows: Sequence[Estimated], starts: Mapping[str
             columns.append(Column(heading, unit))
             cells.append(found)
 
-    add("true", BY_ROW, [known(row.true) for row in rows])
-    add("condensed", BY_ROW, [known(row.condensed) for row in rows])
+    add("true", BY_ROW, [_times(factor, row.true) for factor, row in zip(factors, rows, strict=True)])
+    add("condensed", BY_ROW, [_times(factor, row.condensed) for factor, row in zip(factors, rows, strict=True)])
     columns.append(Column("estimate ± σ", BY_ROW))
-    cells.append([estimate(row.estimate, row.std) for row in rows])
+    cells.append([estimate(factor * row.estimate, factor * row.std) for factor, row in zip(factors, rows, strict=True)])
     if all(row.true is None for row in rows):
         add("σ of the value", "%", [known(_share(row.estimate, row.std), 1 if _share(row.estimate, row.std) >= 10 else 2) for row in rows])
     add("error", "%", [known(row.percent, 2, signed=True) for row in rows])
     add("error", SIGMAS, [known(row.sigmas, 2, signed=True) if row.std > 0 else "–" for row in rows])
-    add("published", BY_ROW, [estimate(row.published.value, row.published.std) if row.published else "–" for row in rows])
+    add("published", BY_ROW, [_published(factor, row) for factor, row in zip(factors, rows, strict=True)])
     add("published, off", "its σ", [known(row.published_sigmas, 1, signed=True) for row in rows])
-    add("start", BY_ROW, [known((starts or {}).get(row.name)) for row in rows])
-    return Table(caption, tuple(columns), tuple(zip(*cells, strict=True)), tuple(row.unit for row in rows))
+    add("start", BY_ROW, [_times(factor, (starts or {}).get(row.name)) for factor, row in zip(factors, rows, strict=True)])
+    return Table(caption, tuple(columns), tuple(zip(*cells, strict=True)), tuple(shown[row.name].unit for row in rows))
+
+
+def _times(factor: float, value: float | None) -> Cell:
+    return known(None if value is None else factor * value)
+
+
+def _published(factor: float, row: Estimated) -> Cell:
+    return estimate(factor * row.published.value, factor * row.published.std) if row.published else "–"
 
 
 def _share(value: float, std: float) -> float:
@@ -96,5 +107,7 @@ def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
 
 def levels_of_noise(caption: str, noise: Mapping[str, tuple[float, str]]) -> Table:
     """Standard deviations by channel, with units."""
-    rows = tuple((name, Number(value, shown=f"{value:.3g}")) for name, (value, _) in noise.items())
-    return Table(caption, (Column("channel"), Column("standard deviation", BY_ROW)), rows, tuple(unit or PURE for _, unit in noise.values()))
+    shown = {name: shown_in(unit, name) for name, (_, unit) in noise.items()}
+    values = {name: shown[name].factor * value for name, (value, _) in noise.items()}
+    rows = tuple((name, Number(value, shown=f"{value:.3g}")) for name, value in values.items())
+    return Table(caption, (Column("channel"), Column("standard deviation", BY_ROW)), rows, tuple(each.unit or PURE for each in shown.values()))

@@ -6,6 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
+from scenarios.terminal.display_units import NO_UNIT, shown_in
+
 
 @dataclass(frozen=True)
 class DisplayUnit:
@@ -19,7 +21,9 @@ POUNDS_PER_SQUARE_FOOT = DisplayUnit("lb/ft²", 0.3048**2 / 0.45359237)
 KILOMETRES = DisplayUnit("km", 1e-3)
 METRES_PER_SECOND = DisplayUnit("m/s")
 
-_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s²"}
+# What the samples of a record are called in a figure: that a program made them is said everywhere.
+MEASURED_DATA, SIMULATED_DATA = "measured", "simulated record"
+
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
 _SIGNALS = {
@@ -44,14 +48,13 @@ _ARGUMENTS = {
 }
 
 
-def display_unit(unit: str) -> DisplayUnit:
-    """How a unit of ours is shown: plain angles and their rates in degrees, everything else as it is.
+def display_unit(unit: str, name: str = "") -> DisplayUnit:
+    """How a unit of ours is shown, as in every table, with typeset powers; ``name`` tells a frequency from a rate.
 
-    A derivative per radian stays one, as in every table. A label of an unknown kind (that of a stick) is kept.
+    A label of an unknown kind (that of a stick) is kept.
     """
-    if unit in _DEGREES:
-        return DisplayUnit(_DEGREES[unit], 180.0 / math.pi)
-    return DisplayUnit("–" if unit in ("", "1") else plain(re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), unit)))
+    factor, shown = shown_in(unit, name)
+    return DisplayUnit("–" if shown in NO_UNIT else plain(re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)), factor)
 
 
 def axis_label(name: str, unit: DisplayUnit) -> str:

@@ -14,6 +14,13 @@ NONE = "none"
 USUAL: Formats = (PNG,)
 
 
+def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
+    """The same from Python: True for the usual format, False for none, or names of formats. Raises DeclarationError as ``formats_of``."""
+    if isinstance(figures, bool):
+        return USUAL if figures else ()
+    return formats_of([figures] if isinstance(figures, str) else list(figures) or [NONE])
+
+
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
     """The formats that are asked for, in the order of ``FORMATS``: each text names one or several with commas between; None is ``USUAL``.
 

@@ -59,7 +59,7 @@ def figure_parameter_histories(
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
     """The unit with the power of a thousand that suits the largest of truth, later estimates and their bands."""
-    base, path = display_unit(unit), course(history, name)
+    base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
     return scaled_unit(base, base.factor * max(abs(true), float(reached.max(initial=0.0))))

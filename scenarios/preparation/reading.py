@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +26,14 @@ from sim.record import Hold, Record
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 PLAIN = 0.15  # of a residual, by which a record without trim lift shows itself; other effects that a model lacks do less
 STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
+
+
+@dataclass(frozen=True)
+class Decided:
+    """How other records were read where no file said it: hold of the inputs, and whether the trim lift follows a measured pressure."""
+
+    hold: Hold
+    weight: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +74,12 @@ def prepare(
     *,
     flow: bool = True,
     attitude: bool = False,
+    decided: Decided | None = None,
 ) -> Prepared:
     """A model's channels out of files, prepared: the plan's segments of ``files``, all of ``validate``.
 
-    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use.
+    A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only effects can use. ``decided``: how to read
+    what the files do not say; None: as the declared model fits better.
 
     Raises
     ------
@@ -82,17 +91,19 @@ def prepare(
     read = [_read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels) for n, (file, segment) in enumerate(parts)]
     records, look = looked_at([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
-    ready = for_model(read[:split], model, plan, read[split:])
+    ready = for_model(read[:split], model, plan, read[split:], decided)
     return replace(ready, doubts=(*look.doubts, *ready.doubts), look=look)
 
 
-def for_model(fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = ()) -> Prepared:
+def for_model(
+    fitted: Sequence[Read], model: Model, plan: Plan | None = None, validation: Sequence[Read] = (), decided: Decided | None = None
+) -> Prepared:
     """Records as read, prepared for a model; those to be predicted are read as those that are fitted."""
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
     own, known = is_own(model), all(stated for _, stated in read)
     first = [record if own else with_load_factors(record)[0] for record, _ in fitted]
-    hold, weight, notes = _readings(first, model, plan, known=known)
+    hold, weight, notes = _readings(first, model, plan, known=known) if decided is None else (plan.hold or decided.hold, decided.weight, [])
     records: list[Record] = []
     told: list[str] = []
     for record, stated in read:
@@ -129,9 +140,9 @@ def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
     return [f"{', '.join(each)}: {text}" if each[0] else text for text, each in names.items()]
 
 
-def named(path: Path, segment: Segment, *, several: bool) -> str:
+def named(name: str, segment: Segment, *, several: bool) -> str:
     """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
-    return f"{path.name}[{segment.start:g}-{segment.stop:g} s]" if several else path.name
+    return f"{name}[{segment.start:g}-{segment.stop:g} s]" if several else name
 
 
 def _read(
@@ -144,7 +155,7 @@ def _read(
     instead, units = {} if is_own(model) else instead_of(outputs), channel_units(model)
     record = read_record(file, inputs, outputs, channels, segment.start, segment.stop, optional=optional, instead=instead, known=units)
     # Named by their files: a sidecar's name may be the same for all of them.
-    return replace(record, name=named(file.path, segment, several=several)), file.sidecar.says_hold
+    return replace(record, name=named(file.identity.name, segment, several=several)), file.sidecar.says_hold
 
 
 def _readings(fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool) -> tuple[Hold | None, bool, list[str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.preparation.plan import Plan
@@ -14,31 +14,35 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:  # a process that draws figures starts before these are loaded
     from ident.flying_qualities.mode_levels import Flown
     from scenarios.files.channels import ColumnChoice
+    from scenarios.files.measured.record_file import RecordFile
+    from scenarios.files.own_models import OwnModel
+    from scenarios.files.sources import Source
     from scenarios.files.vehicles import VehicleFile
+    from sim.declaration.proposal import Traceable
 
 
 @dataclass(frozen=True)
 class Request:
-    """The files of a call and how they are read, as the command line took them.
+    """The files of a call and how they are read, as the command line took them; a file may be open already, or content that never was one.
 
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file; empty where none is asked for.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where none is asked for.
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the first record. An own model can do without.
-    validate : files that are predicted, whole. effects : a user's Python file; it is run.
+    validate : files that are predicted, whole. effects : a user's Python file, which is run, or effects.
     channels : a channel map, for all records.
     aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the vehicle file's.
     effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are prepared.
     """
 
-    records: tuple[Path, ...]
-    model: str = ""
-    vehicle: Path | None = None
-    validate: tuple[Path, ...] = ()
-    effects: Path | None = None
-    channels: Path | None = None
+    records: tuple[Path | RecordFile, ...]
+    model: str | OwnModel = ""
+    vehicle: Path | Source | None = None
+    validate: tuple[Path | RecordFile, ...] = ()
+    effects: Path | tuple[Traceable, ...] | None = None
+    channels: Path | Mapping[str, Any] | None = None
     plan: Plan = field(default_factory=Plan)
     effort: str = "normal"
     aircraft_class: str | None = None

@@ -41,4 +41,4 @@ def _drawn(value: Value | None) -> ParameterColumn | None:
 
 
 def _response(label: str, found: Responses) -> StudyResponse:
-    return StudyResponse(label, found.time, found.inputs, found.measured, found.predicted, found.units)
+    return StudyResponse(label, found.time, found.inputs, found.measured, found.predicted, found.units, found.simulated)

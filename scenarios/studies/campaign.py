@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +16,14 @@ from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
 from scenarios.studies.flying import fly_scenario, measured_again
 from scenarios.studies.study import references
+from sim.declaration.model import Model
 from sim.declaration.system import System
 from sim.errors import DeclarationError, ModelError
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 
 RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
+FEWEST = 2  # runs, of which alone a scatter can be told
 CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
 
 
@@ -44,9 +47,12 @@ class Spread:
     interval: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Results of N runs: estimates and sigmas ``(n, N)``, and their summary. ``broken`` runs are left out of it."""
+    """Results of N runs: estimates and sigmas ``(n, N)``, and their summary.
+
+    ``broken`` runs are left out of it; ``asked`` is how many runs it was to be.
+    """
 
     scenario: Scenario
     estimation: Estimation
@@ -57,13 +63,24 @@ class Campaign:
     broken: int
     spreads: tuple[Spread, ...]
     pooled: Spread
+    asked: int
+
+    def __repr__(self) -> str:
+        return f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
 
 
-def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None, method: str = "main") -> Campaign:
+Progress = Callable[[str, float], None]
+Piece = tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]  # names, estimates and sigmas (n, k), and which of the runs are sound (k,)
+
+
+def fly_campaign(
+    scenario: Scenario, runs: int, seed: int | None = None, method: str = "main", progress: Progress = lambda stage, share: None
+) -> Campaign:
     """Run one of a scenario's estimations with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
 
     Filters run as one batch; whole-record fits one after the other. Where process noise really acts or measured outputs are
-    fed back every run is flown anew, else the same flight is measured again.
+    fed back every run is flown anew, else the same flight is measured again. Ctrl-C ends it with the runs that had been estimated, if
+    these are enough: ``asked`` then is more than there are seeds.
 
     Raises
     ------
@@ -76,25 +93,31 @@ def fly_campaign(scenario: Scenario, runs: int, seed: int | None = None, method:
     estimation = known[method]
     scenario = seen_by(scenario, estimation)
     record, truth = fly_scenario(scenario, first)
-    records = [_record(scenario, estimation, record, truth, s) for s in range(first, first + runs)]
     model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
-    if estimation.method == "ekf" and not scenario.flight.feedback:  # a batch has one input, and under feedback no two runs have the same
-        names, values, std, sound = _bank(estimation, records, model)
-    else:
-        done = [estimate_record(estimation, each, model).estimate for each in records]
-        names = done[0].names
-        values, std = np.array([e.values for e in done]).T, np.array([e.std for e in done]).T
-        sound = np.array([e.outcome.code == "converged" for e in done])
+    # A batch has one input, and under feedback no two runs have the same.
+    estimated, size = (_bank, CHUNK) if estimation.method == "ekf" and not scenario.flight.feedback else (_one, 1)
+    pieces: list[Piece] = []
+    try:
+        for start in range(first, first + runs, size):
+            progress(f"{start - first} of {runs} runs", (start - first) / runs)
+            part = range(start, min(start + size, first + runs))
+            pieces.append(estimated(estimation, [_record(scenario, estimation, record, truth, s) for s in part], model))
+    except KeyboardInterrupt:
+        if sum(len(sound) for *_, sound in pieces) < FEWEST:
+            raise
+    names = pieces[0][0]
+    values, std, sound = (np.concatenate([piece[k] for piece in pieces], axis=-1) for k in (1, 2, 3))
+    done = len(sound)
     reference = {item.name: item.value for item in truth.parameters}
     reference |= references(scenario, estimation)
     units = {item.name: item.unit for item in model.parameters}
     if np.sum(sound) < 2:
-        what = f"{np.sum(~sound)} of {runs} runs broke down"
+        what = f"{np.sum(~sound)} of {done} runs broke down"
         raise ModelError(what, where=f"estimation {estimation.name}", remedy="give it other starting values, or a flight that tells more")
     values, std = values[:, sound], std[:, sound]
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
-    return Campaign(scenario, estimation, range(first, first + runs), names, values, std, int(np.sum(~sound)), spreads, pooled)
+    return Campaign(scenario, estimation, range(first, first + done), names, values, std, int(np.sum(~sound)), spreads, pooled, runs)
 
 
 def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
@@ -106,24 +129,22 @@ def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: T
     return remeasure(record, truth, np.random.default_rng(seed))
 
 
-def _bank(estimation: Estimation, records: list[Record], model):  # type: ignore[no-untyped-def]
+def _one(estimation: Estimation, records: Sequence[Record], model: Model) -> Piece:
+    """One run by a method that takes one record at a time."""
+    found = estimate_record(estimation, records[0], model).estimate
+    return found.names, np.array([found.values]).T, np.array([found.std]).T, np.array([found.outcome.code == "converged"])
+
+
+def _bank(estimation: Estimation, records: Sequence[Record], model: Model) -> Piece:
+    """Filters of many runs as one batch."""
     system, settings = compiled(estimation, model), filter_settings(estimation)
-    means, stds, sounds = [], [], []
-    for start in range(0, len(records), CHUNK):
-        part = records[start : start + CHUNK]
-        z = np.stack([each.output_array(system.output_names)[0] for each in part], axis=2)
-        n_x = len(system.states)
-        if math.isinf(estimation.spread):
-            bank = run_bank(part[0], system, settings, z=z)
-            mean, std, sound = bank.mean[n_x:], bank.std[n_x:], bank.sound
-        else:
-            bank = run_bank(part[0], system, replace(settings, passes=1), z=z)
-            mean, std, sound = _narrowed_passes(estimation, part[0], system, bank, z)
-        names = bank.names[n_x:]
-        means.append(mean)
-        stds.append(std)
-        sounds.append(sound)
-    return names, np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.concatenate(sounds)
+    z = np.stack([each.output_array(system.output_names)[0] for each in records], axis=2)
+    n_x = len(system.states)
+    if math.isinf(estimation.spread):
+        bank = run_bank(records[0], system, settings, z=z)
+        return bank.names[n_x:], bank.mean[n_x:], bank.std[n_x:], bank.sound
+    bank = run_bank(records[0], system, replace(settings, passes=1), z=z)
+    return bank.names[n_x:], *_narrowed_passes(estimation, records[0], system, bank, z)
 
 
 def _narrowed_passes(

@@ -10,11 +10,14 @@ import numpy as np
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
 from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
+from scenarios.plots.studies.campaign import Coverage, figure_campaign
 from scenarios.plots.studies.determination import DeterminedBy, figure_determination
+from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.declaration import Start
 from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
@@ -29,12 +32,15 @@ def study_figures(study: Study) -> Iterator[Named]:
     """A scenario's figures: the stem of each file, and what draws it."""
     scenario, main = study.scenario, study.main
     title = scenario.title
-    yield "record", partial(figure_record, study.record, title)
+    yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
     responses = [_response(method) for method in _told_apart(study)]
-    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std)
+    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
-            yield f"record_{method.estimation.name}", partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}")
+            yield (
+                f"record_{method.estimation.name}",
+                partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}", SIMULATED_DATA),
+            )
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
             yield from _filter_figures(study, method, "" if method is main else f"_{method.estimation.name}")
@@ -68,6 +74,20 @@ def study_figures(study: Study) -> Iterator[Named]:
         yield "flexibility", partial(draw_sweep, study.sweep, title)
     if scenario.condensed:
         yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
+
+
+def campaign_figures(campaign: Campaign) -> Iterator[Named]:
+    """The figure of a campaign: errors of all runs, and how often their intervals hold the reference."""
+    reference = np.array([[spread.reference] for spread in campaign.spreads])
+    sigmas = (campaign.values - reference) / campaign.std
+    rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
+    title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
+    yield "campaign", partial(figure_campaign, [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
+
+
+def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
+    low, high = spread.interval
+    return Coverage(spread.name, sigmas, 100.0 * spread.within_two, (100.0 * low, 100.0 * high))
 
 
 def _filter_figures(study: Study, method: MethodResult, suffix: str) -> Iterator[Named]:

@@ -21,6 +21,7 @@ from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
+from scenarios.terminal.summary import HERE
 from sim.truth.flight import Truth
 
 MAIN = "comparison.json"
@@ -36,11 +37,11 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
     ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.record)
+        write_record(scratch, study.record, simulated=True)
         for method in study.methods:
             name = method.estimation.name
             if method.result.record is not study.record:
-                write_record(scratch, method.result.record, f"record_{name}")
+                write_record(scratch, method.result.record, f"record_{name}", simulated=True)
             suffix = "" if method is study.main else f"_{name}"
             estimate = method.result.estimate
             predicted = dict(zip(estimate.output_names, estimate.fitted[0], strict=True))
@@ -53,7 +54,7 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
             (scratch / "determination.csv").write_text(determination_csv(determined), encoding="utf-8")
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
-        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.studies.estimating import Result
+from scenarios.terminal.display_units import in_hertz, shown_in, spaced
 from sim.declaration.model import Model
 from sim.vehicles.flexibility.degree import LARGEST_MISFIT, Flexibility
 from sim.vehicles.linear import linearise
@@ -44,9 +46,10 @@ def residual_note(result: Result, model: Model) -> str:
         omega, power = periodogram(row, float(np.median(np.diff(result.record.time))))
         inside = (omega >= low) & (omega <= high)
         share, white = float(power[inside].sum() / power.sum()), float(inside.mean())
-        strongest = f" (strongest at {float(omega[np.argmax(power)]):.1f} rad/s)" if share > 2.0 * white else ""
+        strongest = f" (strongest at {_frequency(float(omega[np.argmax(power)]))})" if share > 2.0 * white else ""
         shares.append(f"{name} {100 * share:.0f} %{strongest}")
-    band = f"between {low:.1f} and {high:.1f} rad/s, about the elastic modes"
+    turn = 2.0 * math.pi
+    band = f"between {low:.1f} and {high:.1f} rad/s ({low / turn:.2g} and {high / turn:.2g} Hz), about the elastic modes"
     return f"{result.estimation.name}: share of the residual's power {band}: {', '.join(shares)}; white noise has {100 * white:.0f} % there"
 
 
@@ -54,18 +57,27 @@ def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) ->
     """The degree of flexibility, the threshold it is held against, and on which side of it this aircraft is."""
     degree = (
         f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at once gets wrong at the short period "
-        f"({found.short_period:.3g} rad/s); deflection takes {100 * found.stiffness_loss:.0f} % of the rigid short period's stiffness"
+        f"of {_frequency(found.short_period)}; deflection takes {100 * found.stiffness_loss:.0f} % of the rigid short period's stiffness"
     )
     if math.isfinite(found.separation):
         degree += f", the lowest elastic frequency is {found.separation:.2g} times its frequency"
-    noise = ", ".join(f"{name} {std:.3g}" for name, std in noise_std.items())
-    misfit = f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in rms (noise in SI: {noise})"
+    noise = ", ".join(_level(name, std) for name, std in noise_std.items())
+    misfit = f"what no rigid model explains of this maneuver is {found.misfit:.2g} times the noise in rms (noise: {noise})"
     if not found.rigid_serves:
         return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model no longer serves"
     seen = (
         f"yet the residual shows the structure from {found.detectable:.2g} on" if found.misfit > found.detectable else "and too small to be noticed"
     )
     return degree, f"{misfit}; threshold {LARGEST_MISFIT:g}: a rigid model still serves, {seen}"
+
+
+def _level(name: str, std: float) -> str:
+    factor, unit = shown_in(CHANNEL_UNITS.get(name, ""), name)
+    return f"{name} {factor * std:.3g}{spaced(unit)}"
+
+
+def _frequency(omega: float) -> str:
+    return f"{omega:.3g} rad/s{in_hertz(omega, 'frequency', 'rad/s')}"
 
 
 def elastic_frequencies(model: Model) -> list[float]:

@@ -71,7 +71,7 @@ def fly_repeatedly(
     first, runs, found = scenario.seed if seed is None else seed, scenario.repeated.runs, []
     parts = [(flight, estimation) for flight in scenario.repeated.flights for estimation in scenario.estimations if estimation.name in flight.methods]
     for number, (flight, estimation) in enumerate(parts):
-        progress(f"{flight.label}: {estimation.label}", number / len(parts))
+        progress(f"{number + 1} of {len(parts)}, {flight.label}: {estimation.label}", number / len(parts))
         found.append(_scatter(scenario, flight, estimation, list(_flown(scenario, flight, first, runs))))
     return tuple(found)
 

@@ -28,7 +28,7 @@ from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.partial_condensation import condense_above
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MethodResult:
     """What one method found; ``truth`` of the flight it saw, ``determination`` where the scenario asks for it."""
 
@@ -41,12 +41,15 @@ class MethodResult:
     truth: Truth | None = None
     determination: MethodDetermination | None = None
 
+    def __repr__(self) -> str:
+        return f"<MethodResult {self.estimation.name}: {self.result.estimate!r}>"
+
     @property
     def estimation(self) -> Estimation:
         return self.result.estimation
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Study:
     """A scenario that has been run; the main method's result first. ``repeated`` are its repeated flights, ``sweep`` its structures from stiff
     to soft, where they were flown."""
@@ -60,6 +63,9 @@ class Study:
     flexibility: Flexibility | None = None
     repeated: tuple[Scatter, ...] = ()
     sweep: Sweep | None = None
+
+    def __repr__(self) -> str:
+        return f"<Study {self.scenario.name}, seed {self.seed}: {', '.join(method.estimation.name for method in self.methods)}>"
 
     @property
     def main(self) -> MethodResult:

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from rich.console import Console
 
 from ident.statistics.residuals import ResidualTest
-from scenarios.terminal.quantities import AXES, in_hertz
+from scenarios.terminal.display_units import in_hertz
+from scenarios.terminal.quantities import AXES
 
 GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 

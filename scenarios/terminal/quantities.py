@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 
 from ident.tracing.diagnosis import Quantity
-
-DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "rad/s/s": "deg/s2"}
-
+from scenarios.terminal.display_units import in_hertz, shown_in, spaced
 
 # Channels in words; one that is its own word, such as the airspeed or the rudder, is not here.
 CHANNELS = {
@@ -34,19 +32,9 @@ def with_sigma(quantity: Quantity, unit: str | None = None, name: str = "") -> s
     return told + in_hertz(value, name, text) if determined(value, std) else told
 
 
-def is_frequency(name: str, unit: str) -> bool:
-    """Whether a quantity of ``unit`` is a frequency by its name (``frequency``, ``natural_frequency``, ``omega1``), which nobody reads in deg/s."""
-    return unit == "rad/s" and ("frequency" in name or name.rpartition(".")[2].rstrip("0123456789") == "omega")
-
-
-def in_hertz(value: float, name: str, unit: str) -> str:
-    """``" (1.91 Hz)"`` behind a frequency in rad/s, nothing behind anything else."""
-    return f" ({value / (2.0 * math.pi):.3g} Hz)" if is_frequency(name, unit) else ""
-
-
 def value_text(value: float, std: float, unit: str = "") -> str:
     """``"0.061 +- 0.001 s"``; a sigma that says nothing is told as such, one of zero is that of a value at its bound."""
-    shown = _spaced(unit)
+    shown = spaced(unit)
     if std == 0.0 and value != 0.0:
         return f"{value:.5g}{shown} (bound)"
     if not determined(value, std):
@@ -57,10 +45,8 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
     """Value, standard deviation and unit as people read them: plain angles and their rates in degrees, frequencies in rad/s."""
-    if quantity.unit in DEGREES and not is_frequency(name, quantity.unit):
-        factor = 180.0 / math.pi
-        return factor * quantity.value, factor * quantity.std, DEGREES[quantity.unit]
-    return quantity.value, quantity.std, quantity.unit
+    factor, unit = shown_in(quantity.unit, name)
+    return factor * quantity.value, factor * quantity.std, unit
 
 
 def _number(value: float, std: float) -> str:
@@ -80,7 +66,3 @@ def _digits(std: float) -> int:
 def determined(value: float, std: float) -> bool:
     """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no knowledge of it."""
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
-
-
-def _spaced(unit: str) -> str:
-    return f" {unit}" if unit not in ("", "1") else ""

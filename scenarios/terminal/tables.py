@@ -1,6 +1,6 @@
 """Tables, the one way in which every command prints them: at any width every number is whole, and nothing is left out.
 
-Where a table is too wide, headings and then cells of words are folded; where that is not enough, the columns that are left over follow in
+Where a table is too wide, cells of words and then headings are folded; where that is not enough, the columns that are left over follow in
 further blocks, each begun by the columns that say which row it is.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from scenarios.terminal.listening import Told, heard_of
-from scenarios.terminal.paragraphs import WIDTH, folded, wrapped
+from scenarios.terminal.paragraphs import WIDTH, folded, print_lines, wrapped
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,12 +27,14 @@ _PARTS = re.compile(r"(?<=[A-Za-z][:-])(?=[A-Za-z])")  # where a long name may b
 class Column:
     """A heading and its cells, all of the same length within a table.
 
-    Numbers stand at the right. ``left``: words, which stand at the left and may be folded.
+    Numbers stand at the right. ``left``: words, which stand at the left and may be folded. ``beside``: in the same block as the column before
+    it, which its heading does not make sense without.
     """
 
     heading: str
     cells: Sequence[str]
     left: bool = False
+    beside: bool = False
 
 
 def columns_of(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> list[Column]:
@@ -62,18 +64,22 @@ def print_table(out: Console, title: str, columns: Sequence[Column], keys: int =
     lines = table_lines(columns, width=out.width, keys=keys)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)
-    for line in lines:
-        out.print(line, highlight=False, markup=False, soft_wrap=True)
+    print_lines(out, lines)
 
 
 def _blocks(columns: Sequence[Column], width: int, keys: int) -> list[list[Column]]:
     """Columns of each block: as many as fit when they are folded as far as they may be."""
-    first, rest = list(columns[:keys]), list(columns[keys:])
+    first, groups = list(columns[:keys]), list[list[Column]]()
+    for column in columns[keys:]:
+        if column.beside and groups:
+            groups[-1].append(column)
+        else:
+            groups.append([column])
     blocks = [list(first)]
-    for column in rest:
-        if len(blocks[-1]) > keys and _total([_least(each) for each in (*blocks[-1], column)]) > width:
+    for group in groups:
+        if len(blocks[-1]) > keys and _total([_least(each) for each in (*blocks[-1], *group)]) > width:
             blocks.append(list(first))
-        blocks[-1].append(column)
+        blocks[-1] += group
     return blocks
 
 
@@ -96,10 +102,11 @@ def _line(columns: Sequence[Column], sizes: Sequence[int], parts: Sequence[Seque
 
 
 def _sizes(columns: Sequence[Column], width: int) -> list[int]:
-    """Widths with which the columns fit: headings folded first, then words, the widest first, none below its least."""
+    """Widths with which the columns fit: words folded first, then headings, the widest first, none below its least."""
     sizes = [max(len(text) for text in (column.heading, *column.cells)) for column in columns]
-    cells = [max(_widest_word(column.heading), *map(len, column.cells)) for column in columns]
-    for floors in (cells, [_least(column) for column in columns]):
+    least = [_least(column) for column in columns]
+    headed = [max(small, len(column.heading)) for small, column in zip(least, columns, strict=True)]
+    for floors in (headed, least):
         while (over := _total(sizes) - width) > 0:
             wide = [i for i, floor in enumerate(floors) if sizes[i] > floor]
             if not wide:

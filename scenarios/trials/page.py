@@ -10,9 +10,8 @@ from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
 
 
-def trials_page(name: str, first: int, runs: int, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Page:
-    """The page of ``runs`` flights from seed ``first`` on, and the table of what was found."""
-    last = first + runs - 1
+def trials_page(name: str, first: int, words: str, runs: int, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Page:
+    """The page of ``runs`` flights from seed ``first`` on (``words`` say which seeds), and the table of what was found."""
     return Page(
         title=f"{capital(name.replace('-', ' '))}: {runs} flights",
         kind="Campaign of the tracing loop",
@@ -22,6 +21,6 @@ def trials_page(name: str, first: int, runs: int, title: str, headings: Sequence
         summary=(),
         warnings=(),
         sections=section("What was found", rows_table(capital(title), headings, rows)),
-        reproduction=reproduction(("flightid", "campaign", name, "--runs", str(runs), "--seed", str(first)), f"Seeds {first} to {last}."),
+        reproduction=reproduction(("flightid", "campaign", name, "--runs", str(runs), "--seed", str(first)), sentence(words)),
         created=now(),
     )

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ident.estimate import FilterHistory
 from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.low_order import (
@@ -41,14 +42,14 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     estimate, record = result.estimate, result.setting.record
     history = estimate.history
     assert history is not None
-    yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord")
+    yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord", SIMULATED_DATA)
     noise = dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True)) if study.scenario.flight.noise else None
     simulated = [_response("low-order equivalent, free simulation", study.simulated)]
-    yield "fit", partial(figure_fit, record, simulated, None, f"{title}\nfree simulation", noise)
+    yield "fit", partial(figure_fit, record, simulated, None, f"{title}\nfree simulation", noise, SIMULATED_DATA)
     if study.other is not None and study.other_simulated is not None and study.scenario.against is not None:
         label = study.scenario.against.label
         shown = [_response("low-order equivalent, free simulation", study.other_simulated)]
-        yield "fit_other", partial(figure_fit, study.other.setting.record, shown, None, f"{title}\ncompared with: {label}")
+        yield "fit_other", partial(figure_fit, study.other.setting.record, shown, None, f"{title}\ncompared with: {label}", None, SIMULATED_DATA)
         yield "compared", partial(figure_side_by_side, _bars(study.other), _bars(result), label, "this study", title, _printed(study))
     yield "innovations", partial(figure_innovations, history, estimate.output_names, units_of(record, estimate.output_names), title)
     system = result.setting.system
@@ -68,10 +69,10 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
         yield "margins", partial(_margins, study, study.open_margins)
     if study.variants and study.scenario.peak is not None:
         rows = [("as declared", study.misfit.peak_percent), *((v.label, v.misfit.peak_percent) for v in study.variants)]
-        yield "variants", partial(figure_peaks, rows, "final peak of q, free simulation against measured (%)", title)
+        yield "variants", partial(figure_peaks, rows, "final peak of q, free simulation against the record (%)", title)
     elif study.variants:
         stretch = study.scenario.stretch is not None
-        words = "rms of q in the stretch over σ" if stretch else "lag-1 correlation of pitch-rate innovations"
+        words = "rms of q in the stretch over σ (–)" if stretch else "lag-1 correlation of pitch-rate innovations (–)"
         found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
         rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
         yield "variants", partial(figure_peaks, rows, words, title)

@@ -15,6 +15,7 @@ from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.terminal.numbers import as_text
+from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
 from scenarios.x29.report.page import loop_page
@@ -33,9 +34,9 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record)
+        write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
-        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out)), encoding="utf-8")
+        (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
         drawn: tuple[Drawn, ...] = ()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("sim", "ident", "scenarios")
+ROOMS = ("sim", "ident", "scenarios", "flightid")
 MOST_FILES, MOST_LINES = 15, 60
 # Functions that may be longer; one that has become short must leave this list.
 LONG = {
@@ -165,9 +165,9 @@ DOCUMENTS = sorted(
 )
 FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 QUOTED = re.compile(r"`([^`\n]+)`|\]\(([^)#\s]+)")
-A_PATH = re.compile(r"(?:sim|ident|scenarios|tests|docs|labs|benchmarks)/[\w./*-]*")
+A_PATH = re.compile(r"(?:sim|ident|scenarios|flightid(?!/[\w-]+/\d)|tests|docs|labs|benchmarks)/[\w./*-]*")  # flightid/record/1 is a schema
 A_FILE = re.compile(r"[\w/]+\.py")
-A_MODULE = re.compile(r"(?:sim|ident|scenarios|tests)(?:\.\w+)+")
+A_MODULE = re.compile(r"(?:sim|ident|scenarios|flightid|tests)(?:\.\w+)+")
 
 
 def mentioned(text: str) -> Iterator[str]:

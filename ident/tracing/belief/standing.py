@@ -10,6 +10,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.belief.derivatives import Wreck, wrecked
 from ident.tracing.belief.static_totals import told_totals
+from ident.tracing.belief.together import one_cause
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.diagnosis import Caution, Concern, Quantity
@@ -112,7 +113,7 @@ def sampling_interval(fitted: FittedModel) -> float:
 def cautions_of(root: FittedModel, best: FittedModel, found: Sequence[tuple[Traceable, Mapping[str, Quantity]]]) -> list[Caution]:
     """All that speaks against printing effects of a set with these parameters; empty where they stand."""
     own = [why_not(effect, values, best) for effect, values in found]
-    return [*(caution for caution in own if caution is not None), *why_no_set(root, best)]
+    return [*(caution for caution in own if caution is not None), *why_no_set(root, best), *one_cause(best, found)]
 
 
 def _number(q: Quantity) -> str:

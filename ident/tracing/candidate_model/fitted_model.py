@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.process_noise.filter_error import fit_with_process_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.diagnosis import Trained
 from ident.whole_record.best_start import fit_from_best_start, quiet
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
@@ -88,6 +89,12 @@ class FittedModel:
     def foreground(self) -> tuple[Traceable, ...]:
         """Those of its effects that are no background."""
         return tuple(effect for effect in self.effects if not effect.traits.background)
+
+    @property
+    def trained(self) -> Trained:
+        """What a free simulation of another record takes from it."""
+        values = self.values
+        return Trained(self.effects, self.system.output_names, values.shared, values.own, self.fit.layout.settings)
 
     @property
     def values(self) -> Values:

@@ -17,6 +17,7 @@ from ident.tracing.screening.score_test import Finding, collinear, screen
 from ident.tracing.selection.background import with_background
 from ident.tracing.selection.criterion import gain, is_white
 from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.selection.limits import limits_from_declared_values
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Curve, Traceable
 
@@ -45,7 +46,9 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     if fuller is not fitted and not _waits(findings, fitted.fit.cost - fuller.fit.cost):
         ledger, further = expand(ledger, fuller, number)
         return ledger, [fuller, *further]
-    problem.progress(f"round {number}: {' + '.join(fitted.names) or 'declared model'}", number / (problem.settings.depth + 1))
+    sets = f"{len(ledger.models)} {'set' if len(ledger.models) == 1 else 'sets'} fitted"
+    doing = f"round {number}: {' + '.join(fitted.names) or 'declared model'}, {sets}"
+    problem.progress(doing, number / (problem.settings.depth + 1))
     ledger, children, explained = _fit_promising(ledger, fitted, findings)
     if explained is None and not is_white(fitted) and not has_process_noise(fitted.system):
         for place, finding in enumerate(findings):
@@ -54,6 +57,7 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
                 ledger, child = best_fit(ledger, fitted, finding, 1)
                 if child is not None:
                     children[place] = child
+        ledger, children = limits_from_declared_values(ledger, fitted, findings, children)
     ledger, accepted = _accepted(ledger, fitted, number, findings, children)
     return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
 

@@ -64,8 +64,13 @@ def held_out_masks(out: HeldOut, records: Sequence[Record], outputs: Sequence[st
 def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]) -> Record:
     """A held-out record with spikes of those inputs mended that were claimed to have some."""
     names, claimed = _claimable(problem), {claim.name for claim in claims}
+    return with_mended(record, [channel.name for channel in record.inputs if names.get(channel.name) in claimed])
+
+
+def with_mended(record: Record, names: Sequence[str]) -> Record:
+    """A record with the spikes of these inputs mended."""
     for channel in record.inputs:
-        if names.get(channel.name) in claimed:
+        if channel.name in names:
             record = _mended(record, channel.name, input_spikes(channel.values))
     return record
 

@@ -23,14 +23,16 @@ from ident.tracing.candidate_model.fitted_model import (
     levels_of,
     local_names,
 )
-from ident.tracing.diagnosis import Candidate
+from ident.tracing.diagnosis import Candidate, Trained
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
+from ident.tracing.validation.scatter_of_change import scatter_of_change
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.fit_problem import FitProblem
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import Prior, lay_out
+from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
@@ -72,17 +74,17 @@ def held_out(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.
 
     What belongs to one record (events, drifts) is looked for anew in each: an event of the training record need not be there.
     """
-    frozen = _Others(fitted, records, masks, None).fit_event_by_event()
+    frozen = _others(fitted, records, masks).fit_event_by_event()
     if not informed:
         return HeldOut(None if frozen is None else frozen.fit, None)
-    freer = _Others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
+    freer = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
     if freer is not None and not has_process_noise(fitted.system) and doubted(HeldOut(None, freer.fit)):
         prior = prior_where_both_meet(fitted, freer, masks)
-        nearer = _Others(fitted, records, masks, prior).fit_event_by_event() if prior is not None else None
+        nearer = _others(fitted, records, masks, prior).fit_event_by_event() if prior is not None else None
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
         # Where the freer fit found an event, the frozen one may have missed it.
-        again = _Others(fitted, records, masks, None).fit(fitted.effects, freer)
+        again = _others(fitted, records, masks).fit(fitted.effects, freer)
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
@@ -106,7 +108,7 @@ def with_event(fitted: FittedModel, record: Record, mask: np.ndarray, event: Tra
 
     ``most`` : places from which it is fitted.
     """
-    others = _Others(fitted, [record], [mask], None)
+    others = _others(fitted, [record], [mask])
     plain = others.fit_event_by_event()
     if plain is None:
         return None
@@ -124,14 +126,13 @@ def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozense
     """
     most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
     before = held.declared.frozen
-    done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
+    done: dict[frozenset[str], Fit | None] = {frozenset(): before}
 
-    def level(names: frozenset[str]) -> float | None:
+    def fit_of(names: frozenset[str]) -> Fit | None:
         if names not in done:
             fitted = models.get(names)
-            usable = fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
-            fit = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
-            done[names] = None if fit is None or before is None else (fit.cost - before.cost) / float(fit.counts.sum())
+            usable = before is not None and fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
+            done[names] = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
         return done[names]
 
     out = []
@@ -140,10 +141,14 @@ def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozense
             out.append(candidate)
             continue
         names = frozenset(candidate.within)
-        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
-        base = level(names) if after is not None else None
-        change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
-        out.append(replace(candidate, held_out_change=change))
+        after = fit_of(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
+        base = fit_of(names) if after is not None else None
+        if before is None or after is None or base is None:
+            out.append(candidate)
+            continue
+        level, start = ((fit.cost - before.cost) / float(fit.counts.sum()) for fit in (after, base))
+        left = float(np.exp(np.clip(level - start, -50.0, 50.0)))
+        out.append(replace(candidate, held_out_change=left - 1.0, held_out_scatter=left * scatter_of_change(base, after)))
     return out
 
 
@@ -154,23 +159,38 @@ def doubted(out: HeldOut) -> bool:
     return min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < thresholds.COLOURED
 
 
+def frozen_on(trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None) -> HeldOut:
+    """What was learnt from other records, frozen on these: initial states, biases and what belongs to one record alone are fitted."""
+    frozen = _Others(trained, declared, records, masks).fit_event_by_event()
+    return HeldOut(None if frozen is None else frozen.fit, None)
+
+
+def _others(fitted: FittedModel, records: Sequence[Record], masks: Sequence[np.ndarray] | None, prior: Prior | None = None) -> _Others:
+    return _Others(fitted.trained, fitted.declared, records, masks, prior, levels_of(fitted) if prior is not None else None)
+
+
 @dataclass(frozen=True, eq=False)
 class _Others:
-    """Records that were not fitted, and the model that was: its shared parameters frozen there, or free under a prior."""
+    """Records that were not fitted, and the model that was: its shared parameters frozen there, or free under a prior.
 
-    fitted: FittedModel
+    ``levels`` : noise levels of the fit where it has process noise.
+    """
+
+    trained: Trained
+    declared: Model
     records: Sequence[Record]
     masks: Sequence[np.ndarray] | None
-    prior: Prior | None
+    prior: Prior | None = None
+    levels: Mapping[str, float] | None = None
 
     def fit(
         self, effects: Sequence[Traceable], from_model: FittedModel | None = None, added: Mapping[str, float] | None = None
     ) -> FittedModel | None:
         """The fitted model's set, or a part of it, on these records."""
-        fitted, prior = self.fitted, self.prior
-        settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-3)
-        full, system = compiled_with(fitted.declared, effects, fitted.system.output_names)
-        known = {name: value for name, value in fitted.values.shared.items() if name in system.parameters}
+        trained, prior = self.trained, self.prior
+        settings = replace(trained.settings, iterations=40, tolerance=1e-3)
+        full, system = compiled_with(self.declared, effects, trained.outputs)
+        known = {name: value for name, value in trained.shared.items() if name in system.parameters}
         parameters = system.parameters.with_values({**known, **self._usual_biases()})
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
@@ -180,12 +200,12 @@ class _Others:
         if prior is not None:
             layout = replace(layout, prior=prior)
         # A free simulation has no filter; under training's knowledge the process noise is that of training.
-        fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, levels_of(fitted))
-        return None if fit is None else FittedModel(tuple(effects), fitted.declared, full, system, fit, 0.0, 0)
+        fit = fit_whole_records(FitProblem(layout), guesses) if prior is None else fit_as_declared(layout, guesses, self.levels)
+        return None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit, 0.0, 0)
 
     def _usual_biases(self) -> dict[str, float]:
         """Biases of the sensors as the fitted records have them in the mean: trim is among them, far from where a slow motion could begin."""
-        own = self.fitted.values.own
+        own = self.trained.own
         names = [name for name in own[0] if name.startswith("bias_")] if own else []
         return {name: float(np.mean([values[name] for values in own if name in values])) for name in names}
 
@@ -194,15 +214,16 @@ class _Others:
 
         What any record may have is there from the start: without it a fit would bend the rest in its place.
         """
-        own = [effect for effect in self.fitted.foreground if belongs_to_record(effect)]
-        present = [effect for effect in self.fitted.effects if effect not in own]
-        slow = {name for effect in self.fitted.background for name in local_names(effect)}
-        best = self.fit(present, None, {name: value for name, value in self.fitted.values.own[0].items() if name in slow})
+        effects = self.trained.effects
+        own = [effect for effect in effects if not effect.traits.background and belongs_to_record(effect)]
+        present = [effect for effect in effects if effect not in own]
+        slow = {name for effect in effects if effect.traits.background for name in local_names(effect)}
+        best = self.fit(present, None, {name: value for name, value in self.trained.own[0].items() if name in slow})
         for effect in own:
             if best is None:
                 return None
             starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], search_context(best)) for start in found.starts[:2]]
-            tries = [self.fit([*present, effect], best, start) for start in [*starts, self.fitted.values.own[0]]]
+            tries = [self.fit([*present, effect], best, start) for start in [*starts, self.trained.own[0]]]
             present = [*present, effect]
             best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
         return best

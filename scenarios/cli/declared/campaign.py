@@ -6,13 +6,19 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Changes, Duration, Figures, Inputs, NoFigures, Noise, Out, OwnModel, SampleRate, Scenario, Seed, TrueValues
+from scenarios.cli.completion import LOOP_CAMPAIGNS, campaigns
+from scenarios.cli.options import AsJson, Changes, Duration, Figures, Inputs, NoFigures, Noise, Out, OwnModel, Quiet, SampleRate, Seed, TrueValues
 from scenarios.plots.formats import formats_of
 
 
 def campaign(
     runs: Annotated[int, typer.Option("--runs", min=2, metavar="N", help="Number of runs, each with a seed of its own.")],
-    name: Scenario = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", autocompletion=campaigns, help="A scenario, or a campaign of the loop itself: " + ", ".join(LOOP_CAMPAIGNS) + "."
+        ),
+    ] = None,
     seed: Seed = None,
     out: Out = None,
     changes: Changes = None,
@@ -22,17 +28,21 @@ def campaign(
     noise: Noise = None,
     duration: Duration = None,
     rate: SampleRate = None,
+    method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
-    method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
     from scenarios.commands.arguments import scenario_or_own
     from scenarios.commands.campaign import own_campaign, refuse_method, run_campaign
+    from scenarios.commands.telling import telling
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
-    if isinstance(what, str):
-        run_campaign(what, runs, seed, out, changes or [], method, formats_of(figures, no_figures))
-    else:
-        refuse_method(method)
-        own_campaign(what, runs, seed, out, changes or [], formats_of(figures, no_figures))
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["campaign.json"]) as told:
+        if isinstance(what, str):
+            run_campaign(what, runs, seed, told.out, changes or [], method, told.figures, progress=told.progress)
+        else:
+            refuse_method(method)
+            own_campaign(what, runs, seed, told.out, changes or [], told.figures, progress=told.progress)

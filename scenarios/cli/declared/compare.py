@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Figures, NoFigures
+from scenarios.cli.options import AsJson, Figures, NoFigures, Quiet
 from scenarios.plots.formats import formats_of
 
 
@@ -17,8 +17,12 @@ def compare(
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write tables and figures into this folder.")] = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
     from scenarios.commands.compare import compare_studies
+    from scenarios.commands.telling import telling
 
-    compare_studies(studies, out, every, formats_of(figures, no_figures))
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
+        compare_studies(studies, told.out, every, told.figures)

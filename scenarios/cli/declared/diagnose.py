@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import of
 from scenarios.cli.options import (
+    AsJson,
     Category,
     Channels,
     Class,
@@ -18,6 +20,7 @@ from scenarios.cli.options import (
     Model,
     NoFigures,
     Out,
+    Quiet,
     Rate,
     Records,
     To,
@@ -45,16 +48,22 @@ def diagnose(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    effort: Annotated[str, typer.Option("--effort", metavar="E", help="How far the search looks: normal, thorough.")] = "normal",
+    effort: Annotated[
+        str, typer.Option("--effort", metavar="E", autocompletion=of("normal", "thorough"), help="How far the search looks: normal, thorough.")
+    ] = "normal",
     aircraft_class: Class = None,
     category: Category = None,
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
     from scenarios.commands.diagnose import diagnose_records
+    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    diagnose_records(request, out, formats_of(figures, no_figures))
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
+        diagnose_records(request, told.out, told.figures, progress=told.progress)

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli.completion import METHOD_NAMES, methods
 from scenarios.cli.options import (
+    AsJson,
     Category,
     Channels,
     Class,
@@ -18,6 +20,7 @@ from scenarios.cli.options import (
     Model,
     NoFigures,
     Out,
+    Quiet,
     Rate,
     Records,
     To,
@@ -40,9 +43,7 @@ def identify(
     rate: Rate = None,
     lowpass: Lowpass = None,
     trust: Trust = False,
-    method: Annotated[
-        str, typer.Option("--method", metavar="METHOD", help="output-error, filter-error, frequency-domain, equation-error, ekf, ukf.")
-    ] = "output-error",
+    method: Annotated[str, typer.Option("--method", metavar="METHOD", autocompletion=methods, help=f"{', '.join(METHOD_NAMES)}.")] = "output-error",
     validate: Annotated[
         list[Path] | None, typer.Option("--validate", metavar="RECORD...", help="Predict these records with what was estimated from the others.")
     ] = None,
@@ -63,12 +64,16 @@ def identify(
     out: Out = None,
     figures: Figures = None,
     no_figures: NoFigures = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Parameters of a model from measured records."""
     from scenarios.commands.identify import identify_records, options_of
+    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    identify_records(request, method, out, formats_of(figures, no_figures), options_of(profile, band, engine), matrices)
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+        identify_records(request, method, told.out, told.figures, options_of(profile, band, engine), matrices)

@@ -6,8 +6,14 @@ from typing import Annotated
 
 import typer
 
+from scenarios.cli import completion
 
-def list_(name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print this scenario's file, to copy and edit.")] = None) -> None:
+
+def list_(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", autocompletion=completion.scenarios, help="Print this scenario's file, to copy and edit.")
+    ] = None,
+) -> None:
     """Scenarios, one line each; with a name, that scenario's file."""
     from scenarios.commands.libraries import list_scenarios, show_scenario
 
@@ -17,7 +23,9 @@ def list_(name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print
         show_scenario(name)
 
 
-def effects(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One effect, explained.")] = None) -> None:
+def effects(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=completion.effects, help="One effect, explained.")] = None,
+) -> None:
     """The library of effects."""
     from scenarios.commands.libraries import show_effects
 
@@ -25,7 +33,10 @@ def effects(name: Annotated[str | None, typer.Argument(metavar="NAME", help="One
 
 
 def models(
-    name: Annotated[str | None, typer.Argument(metavar="NAME|FILE", help="One model, or a file with one of your own, which is run.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME|FILE", autocompletion=completion.models, help="One model, or a file with one of your own, which is run."),
+    ] = None,
     example: Annotated[bool, typer.Option("--example", help="Print the file of a model of one's own, to copy and edit.")] = False,
 ) -> None:
     """The models: states, inputs, outputs, parameters, and the effects that may act on them."""
@@ -38,8 +49,10 @@ def models(
 
 
 def vehicles(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="One vehicle, number by number.")] = None,
-    other: Annotated[str | None, typer.Option("--diff", metavar="OTHER", help="What differs from another vehicle.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", autocompletion=completion.vehicles, help="One vehicle, number by number.")] = None,
+    other: Annotated[
+        str | None, typer.Option("--diff", metavar="OTHER", autocompletion=completion.vehicles, help="What differs from another vehicle.")
+    ] = None,
 ) -> None:
     """The library of vehicles, every number with unit and origin."""
     from scenarios.commands.libraries import show_vehicles

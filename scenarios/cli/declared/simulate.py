@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Changes, Duration, Inputs, Noise, OwnModel, SampleRate, Scenario, Seed, TrueValues
+from scenarios.cli.options import Changes, Duration, Inputs, Noise, OwnModel, Quiet, SampleRate, Scenario, Seed, TrueValues
 
 
 def simulate(
@@ -24,10 +24,17 @@ def simulate(
     ] = None,
     duration: Duration = None,
     rate: SampleRate = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
     from scenarios.commands.arguments import scenario_or_own
+    from scenarios.commands.run import files_text
     from scenarios.commands.run import simulate as simulate_what
+    from scenarios.commands.telling import telling
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    simulate_what(what, out, seed, changes or [])
+    with telling(None, (), quiet=quiet or as_json, as_json=False):
+        files = simulate_what(what, out, seed, changes or [])
+    if as_json:
+        print(files_text(files))

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import Channels, Out
+from scenarios.cli.completion import of
+from scenarios.cli.options import AsJson, Channels, Out, Quiet
 
 
 def watch(
     record: Annotated[str, typer.Argument(metavar="RECORD|-", help="A CSV file that grows, or - for standard input.")],
-    model: Annotated[str, typer.Option("--model", metavar="M", help="loes.")],
+    model: Annotated[str, typer.Option("--model", metavar="M", autocompletion=of("loes"), help="loes.")],
     vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and starting values.")] = None,
     reference: Annotated[
         Path | None, typer.Option("--reference", metavar="STUDY", help="A study to compare with; without --vehicle the filter starts from it.")
@@ -24,8 +25,12 @@ def watch(
     ] = None,
     until_end: Annotated[bool, typer.Option("--until-end", help="Do not wait for the file to grow.")] = False,
     refine: Annotated[bool, typer.Option(help="Refine the estimate over all rows when the stream has ended.")] = True,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
+    from scenarios.commands.telling import telling
     from scenarios.commands.watch import watch_stream
 
-    watch_stream(record, model, vehicle, reference, channels, out, idle, until_end, refine)
+    with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ident.tracing.diagnosis import Candidate, Diagnosis, Quantity
-from scenarios.terminal.quantities import displayed, in_hertz, with_sigma
+from scenarios.terminal.display_units import in_hertz, spaced
+from scenarios.terminal.quantities import displayed, with_sigma
 from sim.declaration.traits import GUARD
 
 STANDS = "cross-validated"
@@ -58,7 +59,7 @@ def candidate_row(c: Candidate) -> tuple[str, ...]:
 def _estimate(name: str, quantity: Quantity) -> str:
     value, _, unit = displayed(quantity, name)
     shown = f"{value:.1f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"  # a moment late in a record
-    return f"about {shown}{f' {unit}' if unit not in ('', '1') else ''}{in_hertz(value, name, unit)}"
+    return f"about {shown}{spaced(unit)}{in_hertz(value, name, unit)}"
 
 
 def _change(share: float | None) -> str:

@@ -15,7 +15,8 @@ from scenarios.diagnosis.overflows import overflow_sentence
 from scenarios.diagnosis.report.declared_only import nothing_stands
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import is_of_aircraft
-from scenarios.terminal.quantities import CHANNELS, DEGREES, displayed, value_text, with_sigma
+from scenarios.terminal.display_units import shown_in, spaced
+from scenarios.terminal.quantities import CHANNELS, displayed, value_text, with_sigma
 
 FEW = 2  # parameters whose values are worth comparing between records
 FORMS = {"itself": "{}", "rate": "the rate of {}", "square": "the square of {}", "product": "the product of {} and the {control}"}
@@ -143,9 +144,10 @@ def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[s
 
 def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
     """What is left in one channel: size, colour, frequency, when, and what it goes with."""
-    value, unit = (left.rms * 180.0 / math.pi, DEGREES[left.unit]) if left.unit in DEGREES else (left.rms, left.unit)
+    factor, unit = shown_in(left.unit, left.channel)
     parts = [
-        f"left in the {_spoken(left.channel, tracing)}: rms {value:.3g} {unit}, neighbouring samples correlated by {left.correlation:.2f}",
+        f"left in the {_spoken(left.channel, tracing)}: rms {factor * left.rms:.3g}{spaced(unit)}, "
+        f"neighbouring samples correlated by {left.correlation:.2f}",
         f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
     ]
     if left.times > EVEN:

@@ -18,15 +18,15 @@ from scenarios.plots.tracing.pictured import Pictured
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
     "replication": "Parameters of the effects from each record by itself and from the fitted records together",
-    "held_out": "Measured against predicted on data that were not fitted, and what each prediction leaves",
+    "held_out": "Record against prediction on data that were not fitted, and what each prediction leaves",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
-    "evidence": "What each candidate would bring; blue: claimed, filled: fitted in full, open: screened, an estimate to first order",
+    "evidence": "What each candidate would bring to the fit and to data held out, and why it was not chosen; open bars were screened, to first order",
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": "Spectra of the residuals over that of the noise",
 }
 DECLARED_CAPTIONS = {
     **CAPTIONS,
-    "held_out": "Measured against what the declared model predicts of data that were not fitted, and what it leaves",
+    "held_out": "Record against what the declared model predicts of data that were not fitted, and what it leaves",
     "residuals": "Residuals of the fitted data with the declared model",
 }  # where no effect stands beside it
 
@@ -47,14 +47,14 @@ def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
     kind, noise = pictured.kind, pictured.noise
     out: list[tuple[str, Callable[[], Figure]]] = []
     for number, prediction in enumerate(pictured.predictions):
-        title = f"{prediction.record.name} ({kind}): measured and predicted"
-        out.append((numbered("held_out", number), partial(figure_held_out, prediction, noise, title)))
+        title = f"{prediction.record.name} ({kind}): {pictured.data} and predicted"
+        out.append((numbered("held_out", number), partial(figure_held_out, prediction, noise, title, pictured.data)))
     for number, fitted in enumerate(pictured.fitted):
         name = fitted.record.name
         out.append((numbered("residuals", number), partial(figure_residuals, fitted, noise, f"{name}: residuals")))
         out.append((numbered("spectra", number), partial(figure_spectra, fitted, noise, f"{name}: spectra of the residuals")))
     if pictured.candidates:
-        out.append(("evidence", partial(figure_evidence, pictured.candidates, pictured.claimed, "Evidence")))
+        out.append(("evidence", partial(figure_evidence, pictured.candidates, pictured.standing, "Evidence")))
     if pictured.before and pictured.after:
         out.append(("derivatives", partial(figure_derivatives, pictured.before, pictured.after, "Derivatives")))
     if pictured.replicated:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
+from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared, nothing_stands
 from scenarios.diagnosis.report.evidence import record_labels
@@ -20,13 +21,16 @@ from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
+from scenarios.kept.kept_model import write_kept
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
 from scenarios.pages.rendering import warm_up
 from scenarios.pages.reproduction import now
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import gathered
 from scenarios.plots.tracing.pictured import Pictured, Replicated
+from scenarios.plots.tracing.reasons import Standing
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
@@ -64,6 +68,9 @@ def write_diagnosis(
             warm_up()
         drawn = captioned(gathered(scratch), declared=nothing_stands(d))
         write_page(scratch, dressed(diagnosis_page(tracing, content["warnings"], drawn, created)))
+        kept = kept_diagnosis(tracing)
+        if kept is not None:
+            write_kept(scratch, kept)
         write_json(scratch / MAIN, content)
     return Path(folder)
 
@@ -72,8 +79,15 @@ def pictured(tracing: Tracing) -> Pictured:
     """The part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
-    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = Standing(
+        tuple(claim.name for claim in claimed),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
+    )
+    shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:

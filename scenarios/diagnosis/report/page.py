@@ -115,11 +115,11 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    rows = shown_rows(d, ("", *text.ERROR_HEADINGS), text.error_rows(d, channel_units(tracing.model)))
+    rows = shown_rows(d, ("", *text.error_headings(d)), text.error_rows(d, channel_units(tracing.model)))
     after = "No effect stands as the cause, so there is nothing to hold against the declared model."
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = f"Root mean square of measured minus simulated; only initial states and biases were fitted there. {note}"
-    table = rows_table("Simulation error", ("channel", *shown_columns(d, text.ERROR_HEADINGS)), rows)
+    table = rows_table("Simulation error", ("channel", *shown_columns(d, text.error_headings(d))), rows)
     return section(f"Simulation error on {text.where_predicted(tracing)}", table, Prose(told, "note"))
 
 

@@ -12,6 +12,7 @@ from scenarios.diagnosis.report.declared_only import nothing_stands, shown_colum
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
+from scenarios.diagnosis.report.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
@@ -19,26 +20,50 @@ from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
+from scenarios.terminal.display_units import is_frequency, shown_in
 from scenarios.terminal.paragraphs import WIDTH, wrapped
-from scenarios.terminal.quantities import CHANNELS, DEGREES, is_frequency, value_text
+from scenarios.terminal.quantities import CHANNELS, value_text
+from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 
 MOVED = 2.0  # sigmas
 WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 
 
-def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
-    """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
+def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
+    """What a terminal of this width shows: a summary, then everything."""
+    return "\n".join([*summary_lines(diagnosis_summary(tracing, details), width), "", details_text(tracing, width)])
+
+
+def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
+    """Vehicle and records; the verdict and its effects; their parameters and the derivative that moved most; what the fit leaves."""
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    claimed = [claim for claim in d.effects if claim.claimed]
+    names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
+    told = [f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters]
+    moved_most = _most_moved(d) if claimed else ""
+    told += [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"] if moved_most else []
+    tests = d.tests_before if nothing_stands(d) else d.tests_after
+    return Summary(
+        subject(tracing),
+        f"{d.verdict.value.upper()}: {names or d.verdict.sentence}",
+        "; ".join(told) or _error_phrase(tracing),
+        residual_phrase(tests),
+        details,
+    )
+
+
+def details_text(tracing: Tracing, width: int = WIDTH) -> str:
+    """Verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
+    errors = error_rows(d, channel_units(tracing.model))
     blocks = [
         [*wrapped(subject(tracing), width), *wrapped(f"{d.verdict.value.upper()}: {d.verdict.sentence}", width), *wrapped(headline(tracing), width)],
         [line for doubt in tracing.doubts for line in wrapped(f"warning: {doubt}", width)],
         [line for said in record_lines(tracing.look) for line in wrapped(said, width)],
         _effect_lines(tracing, width),
         _kinematic_lines(tracing, width),
-        _shown_of(
-            d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *ERROR_HEADINGS), error_rows(d, channel_units(tracing.model)), width
-        ),
+        _shown_of(d, f"simulation error (rms) on {where_predicted(tracing)}", ("error", *error_headings(d)), errors, width),
         _shown_of(d, moved_title(d), ("derivative", *derivative_headings(d)), derivative_rows(d.before, d.after, d.scatter), width, sigma_note(d)),
         *(_titled(MEMBER_TITLE, ("derivative", "unit", *members), values, width) for members, values in member_tables(d)),
         _shown_of(d, "", ("derived", *DERIVED_HEADINGS), derived_rows(d), width),
@@ -52,7 +77,6 @@ def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-ERROR_HEADINGS = ("unit", "before", "after", "noise floor")
 DERIVED_HEADINGS = ("unit", "before", "after", "moved by")
 WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
@@ -130,13 +154,20 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
 
 
+def error_headings(d: Diagnosis) -> tuple[str, ...]:
+    """Headings of ``error_rows`` behind the channel."""
+    return ("unit", "before", "after", *noise_headings(d))
+
+
 def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[tuple[str, ...]]:
-    """Channel, unit, error before and after, noise floor; angles and their rates in degrees."""
+    """Channel, unit, error before and after, what the fit leaves where it is not the noise, and the noise; angles and their rates in degrees."""
     rows: list[tuple[str, ...]] = []
+    left = residual_levels(d)
     for channel, before in d.error_before.rmse.items():
-        after, floor = d.error_after.rmse.get(channel, math.nan), d.noise_floor.get(channel, math.nan)
-        factor, unit = _shown(channel, units)
-        rows.append((channel, unit, _short(factor * before), _short(factor * after), _short(factor * floor)))
+        factor, unit = shown_in(units.get(channel, ""), channel)
+        noise = (*([left.get(channel, math.nan)] if is_coloured(d) else []), d.noise_floor.get(channel, math.nan))
+        shown = (before, d.error_after.rmse.get(channel, math.nan), *noise)
+        rows.append((channel, unit, *(_short(factor * value) for value in shown)))
     return rows
 
 
@@ -257,10 +288,10 @@ def _error_phrase(tracing: Tracing) -> str:
     if not channels:
         return ""
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
-    factor, unit = _shown(fell, channel_units(tracing.model))
+    factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
     old, new = _short(factor * before[fell]), _short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
-    tail = f", noise floor {_short(factor * floors[fell])}" if fell in floors else ""
+    tail = f", {noise_word(d, fell)} {_short(factor * floors[fell])}" if fell in floors else ""
     word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
     return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
@@ -269,12 +300,6 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
-
-
-def _shown(channel: str, units: Mapping[str, str]) -> tuple[float, str]:
-    """What turns a channel's numbers into those that people read, and their unit."""
-    unit = units.get(channel, "")
-    return (180.0 / math.pi, DEGREES[unit]) if unit in DEGREES else (1.0, unit)
 
 
 def _short(value: float) -> str:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ident.tracing.diagnosis import Claim
-from scenarios.terminal.quantities import CHANNELS, _number, _spaced, displayed, with_sigma
+from scenarios.terminal.display_units import spaced
+from scenarios.terminal.quantities import CHANNELS, _number, displayed, with_sigma
 from sim.declaration.traits import Traits
 
 _TIMES = ("time", "start", "begin", "duration")
@@ -86,7 +87,7 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
     fields, units = {}, _stick_units(claim, wording)
     for name, quantity in claim.parameters.items():
         value, std, text = displayed(quantity, name)
-        fields[name] = _number(value, std) + _spaced(units.get(name) or text)
+        fields[name] = _number(value, std) + spaced(units.get(name) or text)
         fields[f"{name}_percent"] = f"{_number(100.0 * abs(quantity.value - 1.0), 100.0 * quantity.std)} %"
         fields[f"{name}_change"] = f"{_number(100.0 * abs(quantity.value), 100.0 * quantity.std)} %"
         above = quantity.value > (0.0 if name == "change" else 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK
 from scenarios.files.channels import ColumnChoice
@@ -58,23 +58,25 @@ def find_column(
     choices: Mapping[str, ColumnChoice] | None = None,
     units: Mapping[str, str] | None = None,
     known: Mapping[str, str] = CHANNEL_UNITS,
+    under: Sequence[str] = (),
 ) -> Column | None:
     """The column of a channel, None if the table has none.
 
     A channel in ``choices`` is looked for under that header alone. Else ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is an ``alpha`` besides.
-    ``units`` (the sidecar's) hold for headers without a unit. ``known``: all channels that there are, and their units inside; a header that
-    is another channel's name is that channel's alone.
+    ``units`` (the sidecar's) hold for headers without a unit, before them ``under``, the row of units under the header. ``known``: all
+    channels that there are, and their units inside; a header that is another channel's name is that channel's alone.
 
     Raises
     ------
-    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit or one of the wrong dimension.
+    RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one of the wrong dimension, or two
+        that contradict each other, in the header and under it.
     """
     if channel not in known:
         raise RecordError(f"there is no channel {channel!r}", where=file, remedy=closest(channel, known))
     default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
     if choices is not None and channel in choices:
-        return _mapped(channel, choices[channel], header, file, default, inside)
+        return _mapped(channel, choices[channel], header, file, default, inside, under)
     named, suffixed = [], []
     for index, cell in enumerate(header):
         name, unit = split_header(cell)
@@ -90,10 +92,8 @@ def find_column(
     chosen = found or suffixed[:1]
     if not chosen:
         return None
-    fault = _unit_fault(chosen[0], file)
-    if fault is not None:
-        raise fault
-    return chosen[0]
+    said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
+    return _sound(_with_unit_under(chosen[0], under, file, said=said), file)
 
 
 def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
@@ -122,7 +122,33 @@ def column_place(file: str, column: Column) -> str:
     return f"{file}, column {column.header!r}"
 
 
-def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str) -> Column:
+def _with_unit_under(column: Column, under: Sequence[str], file: str, *, said: bool) -> Column:
+    """The column in the unit of the row under its header, where that says one; ``said``: the header says one too, and both must be the same."""
+    told = under[column.index] if under else ""
+    if not told or not said:
+        return replace(column, unit=told) if told else column
+    if not _same_unit(column.unit, told, column.inside):
+        what = f"the header says {column.unit}, the row of units under it {told}"
+        raise RecordError(what, where=column_place(file, column), remedy="correct one of them")
+    return column
+
+
+def _same_unit(one: str, other: str, inside: str) -> bool:
+    try:
+        return one == other or (inside != "" and to_si(1.0, one, inside, "") == to_si(1.0, other, inside, ""))
+    except RecordError:
+        return False
+
+
+def _sound(column: Column, file: str) -> Column:
+    """The column, if its unit can be converted."""
+    fault = _unit_fault(column, file)
+    if fault is not None:
+        raise fault
+    return column
+
+
+def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str, default: str, inside: str, under: Sequence[str]) -> Column:
     found = [index for index, cell in enumerate(header) if cell == choice.column]
     found = found or [index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column]
     if not found:
@@ -132,12 +158,11 @@ def _mapped(channel: str, choice: ColumnChoice, header: Sequence[str], file: str
     if len(found) > 1:
         raise RecordError(f"{len(found)} columns are headed {choice.column!r}", where=f"{file}, header", remedy="rename all but one of them")
     cell = header[found[0]]
-    unit = choice.unit if choice.unit is not None else split_header(cell)[1]
+    if choice.unit is not None:
+        return _sound(Column(channel, cell, found[0], choice.unit or default, inside), file)
+    unit = split_header(cell)[1]
     column = Column(channel, cell, found[0], unit or default, inside)
-    fault = _unit_fault(column, file)
-    if fault is not None:
-        raise fault
-    return column
+    return _sound(_with_unit_under(column, under, file, said=bool(unit)), file)
 
 
 def _unit_fault(column: Column, file: str) -> RecordError | None:

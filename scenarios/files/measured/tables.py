@@ -1,53 +1,21 @@
-"""Raw tables from CSV, Parquet and MAT files: column headers, cells as they stand, and the row numbers that a user sees."""
+"""Raw tables from text, Parquet and MAT files."""
 
 from __future__ import annotations
 
-import csv
-import gzip
 import io
-import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from scenarios.files.measured.cells import Table, first_line, one_line
+from scenarios.files.measured.delimited import delimited_table
 from scenarios.files.sources import Source
 from sim.errors import RecordError
 
-MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null"})
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Columns of one file, nothing interpreted yet.
-
-    Attributes
-    ----------
-    file : the path as the user gave it, for messages.
-    header : one cell a column, on one line.
-    columns : one sequence a column: texts, or an array of whatever the file holds.
-    rows : number of each row as the user sees it; the header of a CSV file is row 1.
-    ragged : cells found in the rows (by position) that have more or fewer than the header.
-    """
-
-    file: str
-    header: tuple[str, ...]
-    columns: tuple[list[str] | np.ndarray, ...]
-    rows: np.ndarray
-    ragged: Mapping[int, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Numbers:
-    """One column as numbers, NaN where the cell is empty or holds text, and those texts by position."""
-
-    values: np.ndarray
-    texts: Mapping[int, str]
-
 
 def table_of(source: Source) -> Table:
-    """The table in a file: ``.parquet``/``.pq``, ``.mat``, anything else as comma-separated text (``.gz``: compressed).
+    """The table in a file: ``.parquet``/``.pq``, ``.mat``, anything else as separated text (``.gz``: compressed).
 
     Raises
     ------
@@ -55,79 +23,10 @@ def table_of(source: Source) -> Table:
     """
     if not source.content:
         raise RecordError("the file is empty", where=str(source.path), remedy="give a header row and one row a sample")
-    table = _READERS.get(source.path.suffix.lower(), _csv_table)(source.path, source.content)
+    table = _READERS.get(source.path.suffix.lower(), delimited_table)(source.path, source.content)
     if table.rows.size == 0:
         raise RecordError("there is a header but no rows", where=str(source.path), remedy="give one row a sample")
     return table
-
-
-def numbers(column: list[str] | np.ndarray) -> Numbers:
-    """A column as floats; what is not a number is kept apart with its position."""
-    if isinstance(column, np.ndarray) and column.dtype.kind in "fiu":
-        return Numbers(column.astype(float), {})
-    values, texts = np.full(len(column), np.nan), {}
-    for position, cell in enumerate(column):
-        if cell is None:
-            continue
-        text = str(cell).strip()
-        if text.lower() in MISSING:
-            continue
-        try:
-            values[position] = _number(text)
-        except ValueError:
-            texts[position] = text
-    return Numbers(values, texts)
-
-
-def first_line(error: Exception) -> str:
-    """The first line of what another library says, short enough for a message."""
-    text = str(error).strip()
-    return text.splitlines()[0][:160] if text else type(error).__name__
-
-
-def one_line(cell: str) -> str:
-    """A header cell without the line breaks that spreadsheets put into it."""
-    return " ".join(cell.split())
-
-
-def _number(text: str) -> float:
-    if "_" in text or not text.isascii():  # float() takes 1_000 and digits of other scripts
-        raise ValueError(text)
-    return float(text)
-
-
-def _csv_table(path: Path, raw: bytes) -> Table:
-    if path.suffix.lower() == ".gz":
-        try:
-            raw = gzip.decompress(raw)
-        except (OSError, EOFError, zlib.error) as error:
-            raise RecordError(f"not a gzip file ({first_line(error)})", where=str(path), remedy="compress it again, or give the plain file") from None
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        row = raw[: error.start].count(b"\n") + 1
-        raise RecordError("not UTF-8 text", where=f"{path}, row {row}", remedy="save it as CSV in UTF-8, as Parquet or as MAT") from None
-    reader = csv.reader(io.StringIO(text, newline=""))
-    lines: list[tuple[int, list[str]]] = []
-    try:
-        for cells in reader:
-            if cells:
-                lines.append((reader.line_num, cells))
-    except csv.Error as error:
-        raise RecordError(
-            f"not comma-separated text ({error})", where=f"{path}, row {reader.line_num}", remedy="save it as CSV in UTF-8, as Parquet or as MAT"
-        ) from None
-    if not any(cell.strip() for _, cells in lines for cell in cells):
-        raise RecordError("the file is empty", where=str(path), remedy="give a header row and one row a sample")
-    header = tuple(one_line(cell) for cell in lines[0][1])
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise RecordError("the columns are not separated by commas", where=f"{path}, row 1", remedy="save it with commas between the columns")
-    body = [cells for _, cells in lines[1:]]
-    ragged = {position: len(cells) for position, cells in enumerate(body) if len(cells) != len(header)}
-    if ragged:
-        body = [cells + [""] * (len(header) - len(cells)) for cells in body]
-    columns = tuple([cells[index] for cells in body] for index in range(len(header)))
-    return Table(str(path), header, columns, np.array([row for row, _ in lines[1:]], dtype=int), ragged)
 
 
 def _parquet_table(path: Path, raw: bytes) -> Table:

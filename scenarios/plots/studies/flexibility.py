@@ -85,7 +85,7 @@ def figure_flexibility(
 
 
 def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCourse) -> None:
-    unit = display_unit(course.unit)
+    unit = display_unit(course.unit, course.name)
     caption(panel, axis_label(course.name, unit))
     panel.axhline(unit.factor * course.rigid, label="rigid, true", **TRUE)
     panel.plot(degrees, unit.factor * np.array(course.condensed), color=BLACK, linewidth=1.3, label="quasi-static equivalent")

@@ -11,7 +11,7 @@ from ident.tracing.diagnosis import Quantity
 from scenarios.plots.display import display_unit, plain
 from scenarios.plots.style import BLUE, SKY, TICK_SIZE, caption, finish, folded, make_sheet, y_label
 from scenarios.plots.tracing.pictured import Replicated
-from scenarios.terminal.quantities import displayed, is_frequency
+from scenarios.terminal.quantities import displayed
 
 PARAMETERS = 4  # of one effect that are drawn
 
@@ -34,8 +34,7 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
         panel.set_xlim(-0.5, len(effect.by_record) - 0.5)
         room = 5.9 / len(effect.by_record)
         panel.set_xticks(range(len(effect.by_record)), ["\n".join(folded(plain(label), room, TICK_SIZE)) for label in effect.records])
-        unit = effect.by_record[0][name].unit
-        text = unit if is_frequency(name, unit) else display_unit(unit).text
+        text = display_unit(effect.by_record[0][name].unit, name).text
         y_label(panel, plain(f"{name.replace('_', ' ')} ({text})"))
         caption(panel, plain(effect.name))
     return finish(sheet, title, head=0.22, bottom=0.45)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ident.tracing.diagnosis import FittedRecord, Prediction
-from scenarios.plots.display import axis_label, display_unit, symbol
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit, symbol
 from scenarios.plots.signals import Response, figure_fit
 from scenarios.plots.style import (
     BLACK,
@@ -24,11 +24,12 @@ from scenarios.plots.style import (
     decades,
     finish,
     make_sheet,
+    method_style,
     time_axis,
     y_label,
 )
 
-_BAND = "±2σ of the noise"
+_BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
@@ -65,7 +66,7 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
                 panel.plot(fitted.record.time[aside], values[aside], color=VERMILION, label="set aside", **ring)
             limit = max(limit, float(np.abs(values[valid]).max(initial=0.0)))
             rms = float(np.sqrt(np.mean(values[valid & fitted.used[row]] ** 2))) if np.any(valid & fitted.used[row]) else 0.0
-            caption(panel, f"{when}: rms {rms:.3g} {unit.text}")
+            caption(panel, f"{when}: rms {rms:#.3g} {unit.text}")
         for panel in line:
             panel.set_ylim(-1.08 * limit or -1.0, 1.08 * limit or 1.0)
         for panel in line[1:]:
@@ -76,8 +77,8 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
     return finish(sheet, title, head=0.24)
 
 
-def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "") -> Figure:
-    """The predicted record: measured, predicted with and without the effects, and below what each leaves; angles in degrees.
+def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """The predicted record: its samples, called ``data``, predicted with and without the effects, and below what each leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -85,7 +86,7 @@ def figure_held_out(prediction: Prediction, noise: Mapping[str, float], title: s
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
     shown = (("predicted", prediction.before),) if same else both
     responses = [Response(label, dict(zip(prediction.channels, values, strict=True))) for label, values in shown]
-    figure = figure_fit(prediction.record, responses, None, title, noise)
+    figure = figure_fit(prediction.record, responses, None, title, noise, data)
     for panel in figure.axes:
         _few_ticks(panel)
     return figure
@@ -99,22 +100,24 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     """
     shown = _measured(fitted)
     sheet = make_sheet([1.25] * len(shown), row_gap=0.3)
+    same = _same(fitted, [row for row, _ in shown])
     interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
     for panel, (row, name) in zip(sheet.panels, shown, strict=True):
         used = fitted.used[row] & fitted.record[name].valid
         panel.axhline(1.0, color=BLACK, linewidth=0.8, linestyle=(0, (4, 2)), label="white noise")
-        both = ((fitted.before[row], VERMILION, "--", "before"), (fitted.after[row], BLUE, "-", "after"))
-        alone = ((fitted.before[row], BLUE, "-", "residual"),)
-        for residual, colour, style, label in alone if np.array_equal(fitted.before, fitted.after) else both:
+        both = ((fitted.before[row], "before", 1), (fitted.after[row], "after", 0))
+        alone = ((fitted.after[row], "residual", 0),)
+        lines = alone if same else both
+        for residual, label, order in lines:
             hertz, power = spectrum(np.where(used, residual, 0.0), interval, int(np.count_nonzero(used)))
-            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, color=colour, linestyle=style, linewidth=1.2, label=label)
+            panel.plot(hertz, power / (noise.get(name) or 1.0) ** 2, label=label, **method_style(order, alone=len(lines) == 1))
         panel.set_yscale("log")
         panel.set_xscale("log")
         bottom, top = panel.get_ylim()
         panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
         decades(panel.xaxis, (1.0, 2.0, 5.0))
         decades(panel.yaxis)
-        y_label(panel, f"{symbol(name)} power / noise")
+        y_label(panel, f"{symbol(name)} power / noise (–)")
     sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     return finish(sheet, title, head=0.12)
 

@@ -16,7 +16,6 @@ from scenarios.trials.papers.paper import Mark, Named, Paper
 from scenarios.trials.papers.vehicles import NOISE, estimated
 from scenarios.trials.scoring import same_fault
 from sim.declaration.model import Model
-from sim.effects.library import traits_of
 from sim.errors import DeclarationError, FlightidError, RecordError
 
 REFUSED, FAILED = "refused", "failed"
@@ -47,7 +46,7 @@ def _statement(paper: Paper, claim: Claim, claims: Sequence[Claim]) -> Statement
     names = {claim.name, *weighed.same, *(name for item in weighed.sets for name in item.names)}
     others = tuple(other.name for other in claims if other is not claim)
     right = frozenset(name for name in names if _is_hidden(paper, name))
-    return Statement(claim.name, others, traits_of(claim.name).twins, weighed, right)
+    return Statement(claim.name, others, weighed.twins, weighed, right)
 
 
 def mark_of_refusal(paper: Paper, fault: FlightidError, seconds: float) -> Mark:

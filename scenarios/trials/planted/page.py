@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from scenarios.pages.model import Page, Prose, section
-from scenarios.pages.printed import rows_table
+from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import reproduction
 from scenarios.pages.wording import capital, sentence
 from scenarios.trials.planted.study import TraceStudy
-from scenarios.trials.planted.text import DERIVATIVES, EFFECTS, effect_rows, scored_rows, scored_sentence, table_title
+from scenarios.trials.planted.text import EFFECTS, against_truth, effect_rows, scored_sentence, table_title
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
@@ -18,7 +18,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     scored = sentence(scored_sentence(study))
     truth = section(
         "Against the truth",
-        rows_table(capital(table_title(study)), DERIVATIVES, scored_rows(study.derivatives)),
+        columns_table(capital(table_title(study)), against_truth(study)),
         rows_table("Parameters of the effects", EFFECTS, effect_rows(study)),
         Prose(f"Truth and model: {scenario.distance}.", "note"),
     )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
@@ -13,6 +14,8 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
+from scenarios.terminal.paragraphs import WIDTH
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.scoring import Share
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
@@ -32,15 +35,22 @@ _LABELS = {
 }
 
 
-def campaign_text(standin: StandIn, judged: Sequence[Judged]) -> str:
-    """Shares with intervals, effect by effect, derivative by derivative."""
-    seeds = [flight.seed for flight in judged]
+def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
+    rows = share_rows(judged)
+    summary = Summary(
+        f"{standin.name}: {standin.title}; {len(judged)} flights, {seeds}",
+        verdict_counts(judged),
+        "; ".join(f"{row[0]} {row[2]} ({row[3]})" for row in rows[:2]),
+        details=details,
+    )
     blocks = [
-        [f"{standin.name}: {len(judged)} flights, seeds {seeds[0]} to {seeds[-1]}", verdict_counts(judged)],
-        table_lines(columns_of(SHARES, share_rows(judged))),
+        summary_lines(summary, width),
+        [f"{standin.name}: {len(judged)} flights, {seeds}", verdict_counts(judged)],
+        table_lines(columns_of(SHARES, rows), width=width),
         false_lines(judged),
-        table_lines(columns_of(EFFECTS, effect_rows(judged))),
-        table_lines(columns_of(DERIVATIVES, derivative_rows(judged)), title=TITLE),
+        table_lines(columns_of(EFFECTS, effect_rows(judged)), width=width),
+        table_lines(columns_of(DERIVATIVES, derivative_rows(judged)), width=width, title=TITLE),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -72,8 +82,8 @@ def derivative_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     return [(name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in found]
 
 
-def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, page: Page) -> Path:
-    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last)."""
+def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, flown: Mapping[str, Any], page: Page) -> Path:
+    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -86,8 +96,7 @@ def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, 
         content = {
             "schema": "flightid/campaign/1",
             "scenario": standin.name,
-            "first_seed": judged[0].seed,
-            "runs": len(judged),
+            **flown,
             "shares": found,
             "effects": {name: {"flights": n, "alone": alone, "group": grouped} for name, (n, alone, grouped) in by_effect(judged).items()},
             "derivatives": {

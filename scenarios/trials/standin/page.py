@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from scenarios.pages.model import Bullets, Page, section
-from scenarios.pages.printed import rows_table
+from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
 from scenarios.trials.standin.campaign import Judged, shares
@@ -14,7 +14,7 @@ from scenarios.trials.standin.campaign_text import DERIVATIVES as BY_DERIVATIVE
 from scenarios.trials.standin.campaign_text import EFFECTS, SHARES, TITLE, derivative_rows, effect_rows, false_lines, share_rows, verdict_counts
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.study import StandInStudy
-from scenarios.trials.standin.text import DERIVATIVES, flown_lines, hidden_text, nominal_rows, score_text
+from scenarios.trials.standin.text import against_nominal, flown_lines, hidden_text, score_text
 
 
 def scored_page(study: StandInStudy, page: Page) -> Page:
@@ -22,7 +22,7 @@ def scored_page(study: StandInStudy, page: Page) -> Page:
     standin = study.standin
     told = sentence(f"truth: {hidden_text(study.flight.drawn)}; {score_text(study)}")
     units = {row.name: row.after.unit for row in study.derivatives}
-    table = rows_table("Derivatives against the nominal ones", DERIVATIVES, nominal_rows(study), units=units)
+    table = columns_table("Derivatives against the nominal ones", against_nominal(study), units)
     truth = section("Against the truth", table, Bullets(tuple(map(sentence, flown_lines(study.flight)))))
     again = reproduction(("flightid", "run", standin.name, "--seed", str(study.seed)), f"Seed {study.seed}.", page.reproduction.inputs)
     kind = f"Study {standin.name}: {page.kind}"
@@ -31,8 +31,8 @@ def scored_page(study: StandInStudy, page: Page) -> Page:
     )
 
 
-def campaign_page(standin: StandIn, judged: Sequence[Judged]) -> Page:
-    """The page of a campaign: shares with intervals, effect by effect, derivative by derivative."""
+def campaign_page(standin: StandIn, judged: Sequence[Judged], words: str) -> Page:
+    """The page of a campaign: shares with intervals, effect by effect, derivative by derivative; ``words`` say which seeds."""
     seeds = [flight.seed for flight in judged]
     found, false = shares(judged), false_lines(judged)
     named = found["named"]
@@ -51,6 +51,6 @@ def campaign_page(standin: StandIn, judged: Sequence[Judged]) -> Page:
             *section("Effect by effect", rows_table("Hidden effects", EFFECTS, effect_rows(judged))),
             *section("Derivative by derivative", rows_table(capital(TITLE), BY_DERIVATIVE, derivative_rows(judged))),
         ),
-        reproduction=reproduction(command, f"Seeds {seeds[0]} to {seeds[-1]}."),
+        reproduction=reproduction(command, sentence(words)),
         created=now(),
     )

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
+from scenarios.diagnosis.report.text import details_text, diagnosis_summary
+from scenarios.terminal.display_units import told
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.quantities import value_text
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
+from scenarios.terminal.tables import Column, columns_of, table_lines
 from scenarios.trials.standin.fitting import declared_model, left_over
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn
 from scenarios.trials.standin.flights.flight import Flight
@@ -16,15 +21,22 @@ from scenarios.trials.standin.study import StandInStudy
 DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
 
 
-def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
-    """Before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
+def standin_text(study: StandInStudy, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
     blocks = [
+        summary_lines(standin_summary(study, details), width),
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
-        diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(columns_of(DERIVATIVES, nominal_rows(study)), title="derivatives against the nominal ones", width=width),
+        details_text(study.tracing, width).rstrip().split("\n"),
+        table_lines(against_nominal(study), title="derivatives against the nominal ones", width=width),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def standin_summary(study: StandInStudy, details: str = BELOW) -> Summary:
+    """The diagnosis, and what the truth says of it."""
+    told = diagnosis_summary(study.tracing, details)
+    return replace(told, study=f"{study.standin.name}: {study.standin.title}; {told.study}", outcome=f"{told.outcome}; truth: {score_text(study)}")
 
 
 def flight_lines(flight: Flight) -> list[str]:
@@ -63,14 +75,22 @@ def score_text(study: StandInStudy) -> str:
 
 
 def _dominant(item: Dominant, records: int) -> str:
-    values = ", ".join(f"{name} {value:.4g}" for name, value in item.values.items())
+    units = {parameter.name: parameter.unit for parameter in item.effect.parameters}
+    values = ", ".join(f"{name} {told(value, units.get(name, ''), name)}" for name, value in item.values.items())
     where = "" if len(item.records) == records else f" in record {', '.join(str(number + 1) for number in item.records)}"
     return f"{item.name} ({values}){where}"
 
 
-def nominal_rows(study: StandInStudy) -> list[tuple[str, ...]]:
-    """Cells below ``DERIVATIVES``."""
+def against_nominal(study: StandInStudy) -> list[Column]:
+    """The derivatives before and after; of the declared model alone where no effect stands beside it."""
+    columns = columns_of(DERIVATIVES, _rows(study))
+    if not nothing_stands(study.tracing.diagnosis):
+        return columns
+    shown = [columns[i] for i in (0, 1, 2, 4)]
+    return [replace(column, heading=column.heading.replace("before", DECLARED)) for column in shown]
 
+
+def _rows(study: StandInStudy) -> list[tuple[str, ...]]:
     def percent(value: float, nominal: float) -> str:
         return f"{100.0 * (value - nominal) / abs(nominal):+.1f}"
 

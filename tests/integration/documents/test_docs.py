@@ -66,6 +66,29 @@ def test_commands_do_what_the_document_shows(path: Path, flightid: CommandLine, 
                 assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
 
 
+IN_PYTHON = [
+    path for path in DOCUMENTS if path not in WITH_COMMANDS and any(kind == "python" and "import flightid" in text for kind, text in blocks(path))
+]
+
+
+@pytest.mark.parametrize("path", IN_PYTHON, ids=name_of)
+def test_cells_do_what_the_document_shows(path: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The ``python`` blocks of a page that begins with an import of the library run one after the other, as cells of one notebook do;
+    each line of a ``text`` block stands in what the block before it printed."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    seen = ""
+    for kind, text in blocks(path):
+        if kind == "toml":
+            (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
+        elif kind == "python":
+            exec(compile(text, str(path), "exec"), names)
+            seen = capsys.readouterr().out
+        elif kind == "text":
+            for line in text.splitlines():
+                assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
+
+
 def run(line: str, flightid: CommandLine) -> str:
     """Run a command line of a document; ``> FILE`` takes what it prints."""
     call, _, remark = line.partition("#")

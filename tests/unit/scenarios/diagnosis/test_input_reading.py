@@ -70,12 +70,12 @@ def test_times_found_with_an_input_that_passes_through_samples_ask_for_a_second_
 def test_the_second_reading_has_to_lower_the_criterion() -> None:
     """Twice the samples times the logarithm of the noise, and ln N for each number of the effects: ten in all."""
     first = tracing_of(Verdict.TRACED).diagnosis
-    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.noise_floor}
+    counts = {name: sum(int(np.count_nonzero(one.record[name].valid)) for one in first.fitted if name in one.channels) for name in first.residual_std}
     name, count = max(counts.items(), key=lambda item: item[1])
 
     def quieter(by: float) -> Diagnosis:
-        floor = {**first.noise_floor, name: first.noise_floor[name] * math.exp(-0.5 * by / count)}
-        return replace(first, noise_floor=floor)
+        floor = {**first.residual_std, name: first.residual_std[name] * math.exp(-0.5 * by / count)}
+        return replace(first, residual_std=floor)
 
     assert better(quieter(10.5), first) and not better(quieter(9.5), first) and not better(first, first)
     one_more = replace(first, effects=(*first.effects, Claim("vane-offset", {"arm": Quantity(3.0, 0.1, "m")})))
@@ -94,4 +94,4 @@ def test_where_both_readings_serve_what_differs_is_told() -> None:
     assert "sensor-delay:q.delay 0.1 for 0.09" in told and "--hold linear" in told
     assert left_open(first, first) == ()
     assert left_open(replace(again, effects=(replace(late, name="sensor-lag:q"),)), first) == ()
-    assert left_open(replace(again, noise_floor={name: 2.0 * value for name, value in first.noise_floor.items()}), first) == ()
+    assert left_open(replace(again, residual_std={name: 2.0 * value for name, value in first.residual_std.items()}), first) == ()

@@ -33,7 +33,22 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     "no time": ("t,alpha\n0,0\n1,0\n", ("header", "no column 'time'", "t, alpha", "--channels")),
     "no time under a broken header": ('"t\n(s)",alpha\n0,0\n1,0\n', ("the columns are t (s), alpha",)),
     "no output": ("time,beta\n0,0\n1,0\n", ("no column 'alpha'", "time, beta", "--channels")),
-    "semicolons": ("time;alpha\n0;0\n1;0\n", ("row 1", "not separated by commas")),
+    "either separator": ("# a log\ntime;alpha, left\n0\n", ("row 2", "commas and semicolons stand in the header", "save it with one separator")),
+    "blanks": ("time alpha\n0 0\n1 0\n", ("row 1", "separated by blanks", "commas between")),
+    "header commented out": ("# time,alpha\n0,0\n1,0\n", ("row 2", "there is no header", "take the # from the header, row 1")),
+    "row after comments": ("# a\n\n# b\ntime,alpha\n0,0\n1,bad\n", ("row 6, column 'alpha'",)),
+    "units apart": ("time,alpha [deg]\ns,rad\n0,0\n1,0\n", ("column 'alpha [deg]'", "the header says deg", "under it rad", "correct one")),
+    "units apart in a suffix": ("time,alpha_deg\ns,rad\n0,0\n1,0\n", ("column 'alpha_deg'", "the header says deg, the row of units under it rad")),
+    "unknown unit under the header": ("time,alpha\ns,foo\n0,0\n1,0\n", ("column 'alpha'", "unknown unit 'foo'")),
+    "text under the header": ("time,alpha\nZeit,Winkel\n0,0\n1,0\n", ("row 2, column 'time'", "'Zeit' is not a number")),
+    "units and no rows": ("time;alpha\ns;deg\n", ("header but no rows",)),
+    "commas in columns by commas": ("time,alpha\n0,0,1,5\n0,1,1,6\n", ("row 2", "4 cells under a header of 2", "not decimal commas")),
+    "thousands or decimals": (
+        "time;alpha\n0;1,500\n1;2,500\n",
+        ("row 2, column 'alpha'", "'1,500' may be a decimal number", "nothing between thousands"),
+    ),
+    "points among commas": ("time;alpha\n0,5;1,500\n1;2.500\n", ("row 3, column 'alpha'", "'2.500' has a point in a file with decimal commas")),
+    "both marks": ("time;alpha\n0,5;1,500\n1;2.500,5\n", ("row 3, column 'alpha'", "one decimal mark, and none between thousands")),
     "unknown unit": ("time,alpha [foo]\n0,0\n1,0\n", ("column 'alpha [foo]'", "unknown unit 'foo'", "deg")),
     "unknown unit in brackets beside a plain column": ("time,alpha [foo],alpha\n0,0,0\n1,0,0\n", ("are all alpha",)),
     "unknown unit as suffix": ("time,alpha_foo\n0,0\n1,0\n", ("column 'alpha_foo'", "unknown unit 'foo'", "deg")),
@@ -42,7 +57,10 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
     "not a number in a channel": ("time,alpha\n0,\n1,nan\n", ("column 'alpha'", "not a single number", "row 2 to row 3", "leave the column out")),
     "text": ("time,alpha\n0,0\n1,bad\n", ("row 3, column 'alpha'", "'bad' is not a number")),
     "text after a blank line": ("time,alpha\n0,0\n\n\n1,bad\n", ("row 5, column 'alpha'",)),
-    "decimal comma": ('time,alpha\n0,0\n1,"0,5"\n', ("row 3, column 'alpha'", "'0,5' is not a number")),
+    "decimal comma": (
+        'time,alpha\n0,0\n1,"0,5"\n',
+        ("row 3, column 'alpha'", "'0,5' has a comma in a file whose columns are separated by commas", "semicolons"),
+    ),
     "underscore": ("time,alpha\n0,1_000\n1,0\n", ("row 2, column 'alpha'", "'1_000'")),
     "text over two lines": ('time,alpha\n0,0\n1,"a\nb"\n', ("row 4, column 'alpha'", r"'a\nb' is not a number")),
     "text in time": ("time,alpha\n0,0\n12:00,0\n", ("row 3, column 'time'", "'12:00' is not a number")),
@@ -129,7 +147,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         refused(damaged, "not a gzip file")
     wide = tmp_path / "wide.csv"
     wide.write_text('time,alpha\n0,"' + "x" * 200_000 + '"\n')
-    refused(wide, "row 2", "not comma-separated text")
+    refused(wide, "row 2", "not text separated by commas")
 
 
 def test_channel_map_faults(tmp_path: Path) -> None:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.measured.record_file import read_record_file, refuse_twice
+from scenarios.cli.completion import MODEL_NAMES
+from scenarios.files.measured.record_file import read_record_file, read_with_validation, refuse_twice
 from scenarios.files.records import read_record
 from scenarios.files.sources import read_source
 from scenarios.files.vehicles import MODELS, read_any_vehicle, read_vehicle
 from scenarios.files.vehicles_schema import SCHEMAS
 from sim.errors import DeclarationError, RecordError
 
-REPOSITORY = Path(__file__).parents[4]
 FIRST = b"time,q\n0,1\n1,2\n"
 LATER = b"time,q\n0,7\n1,8\n2,9\n"
 
@@ -39,6 +39,22 @@ def test_a_pipe_is_read_and_hashed_though_it_can_be_read_once_only(tmp_path: Pat
     file = read_record_file(pipe)
     writer.join()
     assert file.identity.sha256 == hashlib.sha256(FIRST).hexdigest() and len(read_record(file, (), ["q"])) == 2
+
+
+def test_records_with_equal_names_are_told_apart_by_as_many_folders_as_it_takes(tmp_path: Path) -> None:
+    paths = [
+        tmp_path / place for place in ("a/flight1/record.csv", "a/flight2/record.csv", "b/flight1/other.csv", "b/flight2/record.csv", "lone.csv")
+    ]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(FIRST)
+
+    def names(fitted: list[Path], predicted: list[Path]) -> list[str]:
+        return [file.identity.name for files in read_with_validation(fitted, predicted) for file in files]
+
+    assert names(paths[:1], paths[1:3]) == ["flight1/record.csv", "flight2/record.csv", "other.csv"]
+    assert names([paths[0], paths[1]], [paths[3]]) == ["a/flight1/record.csv", "a/flight2/record.csv", "b/flight2/record.csv"]
+    assert names(paths[:1], paths[4:]) == ["record.csv", "c.csv"]
 
 
 def test_a_vehicle_file_carries_the_hash_of_what_was_read_and_equals_another_that_says_the_same(tmp_path: Path) -> None:
@@ -72,5 +88,4 @@ def test_the_same_record_by_another_path_is_refused(tmp_path: Path) -> None:
 
 def test_every_model_of_a_vehicle_file_has_a_schema_and_is_named_in_the_help() -> None:
     assert set(MODELS) == set(SCHEMAS)
-    text = (REPOSITORY / "scenarios" / "cli" / "options.py").read_text(encoding="utf-8")
-    assert f'help="{", ".join(MODELS)}, or FILE.py with a model of your own."' in text
+    assert MODEL_NAMES == MODELS

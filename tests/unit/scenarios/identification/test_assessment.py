@@ -122,7 +122,7 @@ def test_records_held_out_are_simulated_with_what_was_found() -> None:
     assert held.figures.theil["p"] == pytest.approx(np.sqrt(np.mean((z - y) ** 2)) / (np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(y**2))))
     assert held.figures.rmse["p"] == pytest.approx(fitted.figures.rmse["p"], rel=0.2) and worse.figures.rmse["p"] > 3.0 * held.figures.rmse["p"]
     table = fit_lines(found.fits)
-    assert len(table) == 2 + 2 * 4 and "held out" in table[-1] and "spoiled" in table[-1]
+    assert len(table) == 3 + 2 * 4 and "held out" in table[-1] and "spoiled" in table[-1]
     assert [each["held_out"] for each in fits_content(found.fits)["records_fitted"]] == [False, False, True, True]
 
 

@@ -13,6 +13,7 @@ from ident.estimate import Outcome
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
 from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.histories import course, sound_samples
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
@@ -191,7 +192,7 @@ def test_trajectory_with_and_without_truth(falls: dict[str, Study]) -> None:
     figure = figure_trajectory(study.record, histories, study.truth)
     altitude, error = figure.axes[:2]
     assert np.allclose(curve(altitude, "true")[1], study.truth.states["altitude"] / 1000.0)
-    assert np.allclose(curve(altitude, "measured")[1], study.record["altitude"].values / 1000.0)
+    assert np.allclose(curve(altitude, SIMULATED_DATA)[1], study.record["altitude"].values / 1000.0)
     assert np.allclose(np.asarray(error.lines[1].get_ydata()), falls["2 Taylor terms"].history.mean[0] - study.truth.states["altitude"])
     assert len(figure_trajectory(study.record, histories).axes) == 2
 

@@ -15,6 +15,7 @@ from scenarios.plots.style import BLUE
 from scenarios.plots.tracing.derivatives import figure_derivatives
 from scenarios.plots.tracing.evidence import figure_evidence
 from scenarios.plots.tracing.pictured import Replicated
+from scenarios.plots.tracing.reasons import Standing
 from scenarios.plots.tracing.replication import figure_replication
 from scenarios.plots.tracing.residuals import figure_held_out, figure_residuals, figure_spectra, spectrum
 from tests.diagnoses import BALLISTIC, NOISE, tracing_of
@@ -61,15 +62,15 @@ def test_held_out_shows_measured_and_both_predictions() -> None:
 
 def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     candidates = tracing_of(Verdict.PARTIAL).diagnosis.candidates
-    figure = figure_evidence(candidates, ["sensor-lag:alpha"])
-    assert len(figure.axes) == 2
+    figure = figure_evidence(candidates, Standing(("sensor-lag:alpha",)))
+    assert len(figure.axes) == 4, "gain and held-out change of two rounds"
     bars = [bar for bar in figure.axes[0].patches if isinstance(bar, Rectangle)]
     tops = sorted(bars, key=lambda bar: bar.get_y())
     lengths = [bar.get_width() for bar in tops]
     assert lengths == sorted(lengths) and len(lengths) == 4
     assert to_hex(tops[-1].get_facecolor()) == BLUE.lower()
     assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
-    assert figure.axes[1].get_title(loc="left") == "round 2, beside sensor-lag:alpha"
+    assert figure.axes[2].get_title(loc="left") == "round 2, beside sensor-lag:alpha; nothing more was needed"
 
 
 def test_evidence_of_no_candidate_says_so() -> None:

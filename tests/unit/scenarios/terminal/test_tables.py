@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.commands.campaign import _print
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_text import print_campaign
 from scenarios.terminal.paragraphs import WIDTH, folded, print_paragraph, shortened, wrapped
 from scenarios.terminal.tables import Column, columns_of, print_table, table_lines
 from tests.diagnoses import proven_tracing, tracing_of
@@ -88,7 +88,7 @@ def test_a_campaign_is_whole_in_a_narrow_terminal(width: int) -> None:
     named: Any = SimpleNamespace(name="rigid", label="output error")
     out = Console(file=io.StringIO(), width=width, markup=False, no_color=True)
     nothing = np.zeros((2, 2))
-    _print(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0]), out)
+    print_campaign(Campaign(named, named, range(1, 3), ("Cm_alpha", "Cm_q"), nothing, nothing, 0, tuple(spreads), spreads[0], 2), out)
     assert isinstance(out.file, io.StringIO)
     text = out.file.getvalue()
     assert all(len(line) <= width for line in text.splitlines())

@@ -18,8 +18,9 @@ from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.pages.numbers import signs
 from scenarios.pages.rendering import page_html
+from scenarios.terminal.display_units import is_frequency
 from scenarios.terminal.numbers import derived_line
-from scenarios.terminal.quantities import displayed, is_frequency, value_text, with_sigma
+from scenarios.terminal.quantities import displayed, value_text, with_sigma
 from tests.diagnoses import tracing_of
 
 OTHERS = [verdict for verdict in Verdict if verdict is not Verdict.UNEXPLAINED]

@@ -10,6 +10,8 @@ import pytest
 from ident.recording.finding import Certainty, Finding
 from ident.recording.finding import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict
+from ident.tracing.name_probability import with_probabilities
+from ident.tracing.weighed import ComparedSet, Ground, Weighed
 from scenarios.preparation.recording import WARNED, RawLook, Seen
 from scenarios.trials.aircraft import drawn_aircraft
 from scenarios.trials.papers.kinds import KINDS
@@ -127,6 +129,19 @@ def test_coverage_leaves_out_what_is_foreign_or_a_recorders() -> None:
 
 def test_the_table_counts_a_paper_in_its_model_its_group_and_each_thing_hidden() -> None:
     pair = Mark(paper("vane-offset", "input-delay"), "traced", (), False, False, {}, 1.0, 1.0)
-    rows = {line.split("  ")[1].strip(): line.split() for line in summary_table([*marks(), pair])[1:]}
+    lines = summary_table([*marks(), pair])
+    rule = next(i for i, line in enumerate(lines) if set(line) <= {" ", "-"})
+    rows = {line.split("  ")[1].strip(): line.split() for line in lines[rule + 1 :]}
     counts = {name: int(next(word for word in words[len(name.split()) :])) for name, words in rows.items()}
     assert counts == {"all": 3, "rigid": 3, "one effect": 2, "two effects": 1, "vane-offset": 2, "input-delay": 2}
+
+
+def test_a_statement_has_the_probabilities_that_were_printed() -> None:
+    # The twins are those of what was offered: a narrower guard counts as the name, which its own traits do not say.
+    sets = (ComparedSet(("sensor-lag:q",), 0.0), ComparedSet(("guard:late-q",), 0.3, guard=True), ComparedSet(("vane-offset",), 2.0))
+    claim = Claim("sensor-lag:q", {}, weighed=Weighed(Ground.NOISE_LEFT, sets))
+    (printed,) = with_probabilities([claim], {"sensor-lag:q": ("guard:late-q",)})
+    (statement,) = marked(("sensor-lag:alpha",), Verdict.TRACED, (printed,)).statements
+    assert statement.probabilities() == printed.probability
+    (alone,) = with_probabilities([claim], {})
+    assert alone.probability["sensor-lag:q"] < printed.probability["sensor-lag:q"]

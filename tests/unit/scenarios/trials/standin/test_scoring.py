@@ -74,7 +74,7 @@ def test_a_diagnosis_is_held_against_the_truth() -> None:
     assert all(row.nominal == flown.drawn.declared.parameters[row.name].value for row in found.derivatives)
     text = standin_text(found)
     assert "vane-offset is named among the alternatives of a claim; sensor-scale:nz is claimed and is not there" in text
-    assert "hidden was vane-offset (arm 4)" in text and "lag-one correlation" in text
+    assert "hidden was vane-offset (arm 4 m)" in text and "lag-one correlation" in text
 
 
 def test_hints_are_no_claims() -> None:
@@ -155,10 +155,10 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     judged = fly_standin_campaign(replace(short(EVERY, step=0.02), draws=2), 2, 7)
     assert [flown.seed for flown in judged] == [7, 8]
     assert all(set(flown.errors) == set(RIGID.derivatives) for flown in judged)
-    text = campaign_text(short(EVERY), judged)
+    text = campaign_text(short(EVERY), judged, "seeds 7 to 8")
     assert "2 flights, seeds 7 to 8" in text and "2 of 2" in text
     assert "seed 7: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
-    write_campaign(short(EVERY), judged, tmp_path / "c")
+    write_campaign(short(EVERY), judged, tmp_path / "c", {"first_seed": 7, "runs": 2})
     assert (tmp_path / "c" / "campaign.json").is_file()
     row = next(csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines()))
     assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == ("7", "partial", "", "sensor-lag:alpha + sensor-scale:nz")

@@ -9,11 +9,11 @@ from ident.estimate import Outcome
 from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.sources import InputFile
 from scenarios.identification.assessment.text import FITS, INTERVALS, PROFILED, SIMULATED, bound_lines, fit_rows, interval_rows, interval_sentences
-from scenarios.identification.input_reading import reading_table
+from scenarios.identification.input_reading import reading_rows
 from scenarios.identification.result import Identification
 from scenarios.pages.folder import figures
 from scenarios.pages.model import Block, Bullets, Page, Prose, section
-from scenarios.pages.printed import rows_table
+from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
 from scenarios.pages.wording import capital, sentence
@@ -70,7 +70,7 @@ def _found(found: Identification, flown: Flown) -> list[Block]:
         blocks += [rows_table(capital(PROFILED), INTERVALS, interval_rows(found.intervals, units))]
         blocks += [Prose(sentence(line)) for line in interval_sentences(found.intervals)]
     if found.reading:
-        blocks += [rows_table("If the inputs were read otherwise between samples", *reading_table(found.reading))]
+        blocks += [columns_table("If the inputs were read otherwise between samples", reading_rows(found.reading))]
     return blocks
 
 

@@ -1,0 +1,103 @@
+"""Simulate a flight vehicle, identify it from its record, and trace what the model lacks.
+
+    import flightid as fid
+
+    record = fid.read_record(frame)
+    found = fid.identify(record, model="rigid", vehicle="vehicle.toml")
+    found.to_dataframe()
+
+Names are loaded when they are first used, so that the import itself takes no time; the work is done in `scenarios.api`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from flightid.hiding import refuse_hidden
+
+if TYPE_CHECKING:
+    from flightid import plot
+    from scenarios.api.campaign import Campaign, campaign
+    from scenarios.api.check import Check, check
+    from scenarios.api.diagnosis import Diagnosis, diagnose
+    from scenarios.api.errors import InputError
+    from scenarios.api.identification import Identification, identify
+    from scenarios.api.libraries import effects, models, scenarios, vehicles
+    from scenarios.api.records.record import Record, read_record
+    from scenarios.api.shown.parameters import Parameter, Parameters
+    from scenarios.api.shown.table import Table
+    from scenarios.api.study import Study, run, simulate
+    from scenarios.api.vehicle import Vehicle, vehicle
+    from sim.declaration import own_model
+
+    __version__: str
+
+# Where each name stands.
+_EXPORTS = {
+    **dict.fromkeys(("Campaign", "campaign"), "campaign"),
+    **dict.fromkeys(("Check", "check"), "check"),
+    **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
+    "InputError": "errors",
+    **dict.fromkeys(("Identification", "identify"), "identification"),
+    **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
+    **dict.fromkeys(("Parameter", "Parameters"), "shown.parameters"),
+    **dict.fromkeys(("Record", "read_record"), "records.record"),
+    **dict.fromkeys(("Study", "run", "simulate"), "study"),
+    "Table": "shown.table",
+    **dict.fromkeys(("Vehicle", "vehicle"), "vehicle"),
+}
+
+__all__ = [
+    "Campaign",
+    "Check",
+    "Diagnosis",
+    "Identification",
+    "InputError",
+    "Parameter",
+    "Parameters",
+    "Record",
+    "Study",
+    "Table",
+    "Vehicle",
+    "__version__",
+    "campaign",
+    "check",
+    "diagnose",
+    "effects",
+    "identify",
+    "models",
+    "own_model",
+    "plot",
+    "read_record",
+    "run",
+    "scenarios",
+    "simulate",
+    "vehicle",
+    "vehicles",
+]
+
+refuse_hidden(__file__)
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, loaded from where it stands (PEP 562)."""
+    from importlib import import_module
+
+    if name in _EXPORTS:
+        value = getattr(import_module(f"scenarios.api.{_EXPORTS[name]}"), name)
+    elif name == "plot":
+        value = import_module("flightid.plot")
+    elif name == "own_model":
+        value = import_module("sim.declaration").own_model
+    elif name == "__version__":
+        from scenarios.files.versions import own_version
+
+        value = own_version()
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,215 @@
+import marimo
+
+__generated_with = "0.20.0"
+app = marimo.App(width="medium", app_title="Lab 1: a falling body")
+
+
+@app.cell
+def _():
+    import marimo as mo
+
+    from flightid.labs import page
+    from flightid.labs.workings import falling_body as lab
+    from flightid.labs.workings.trying import close, command
+    from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
+
+    return close, command, figure_ballistic_coefficient, figure_trajectory, lab, mo, page
+
+
+@app.cell
+def _(page):
+    page.heading(
+        1,
+        "A falling body",
+        """To see a Kalman filter find one parameter, to see *when* the record tells it anything, and to learn why a poor start makes its
+        standard deviation lie.""",
+    )
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## Theory
+
+    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag per weight hangs on one number,
+    the **ballistic coefficient** $\beta = W / (C_D A)$, truly 500 lb/ft²:
+
+    $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/H} . $$
+
+    *A parameter as a state.* The extended Kalman filter (EKF) takes $x = (h, \dot h, \beta)$ with $\dot\beta = 0$. Between two samples it carries mean and
+    covariance along,
+
+    $$ \dot{\hat x} = f(\hat x) , \qquad P \leftarrow \Phi P \Phi^T , \qquad \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2, \qquad
+    F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
+
+    and at a sample $z$ with noise variance $R$ it weighs prediction against measurement, with $H = (1, 0, 0)$:
+
+    $$ K = P H^T (H P H^T + R)^{-1} , \qquad \hat x \leftarrow \hat x + K (z - H \hat x) , \qquad P \leftarrow (I - K H) P . $$
+
+    *Where the information is.* All that the altitude says of $\beta$ passes through one entry of $F$,
+
+    $$ \frac{\partial \ddot h}{\partial \beta} = - \frac{\rho\,\dot h^2}{2\,\beta^2} . $$
+
+    High up $\rho$ is next to nothing, and so is this entry: the filter cannot learn there. And it depends on $\beta$ itself, **squared**, taken at the filter's own
+    estimate. A gain that was formed about a wrong $\hat\beta$ has counted information that was never there, and $P$ never gives it back. That is what a second
+    *pass* is for: the filter runs again, now linearised about what the first pass found.
+
+    *An honest sigma* holds the truth within two standard deviations in 95 of 100 repetitions. One run cannot show this; a **campaign** can.
+    """)
+    return
+
+
+@app.cell
+def _(mo, page):
+    controls = mo.ui.dictionary(
+        {
+            "start": page.slider(300, 1200, 50, 800, "start of β, lb/ft²"),
+            "spread": page.slider(10, 400, 10, 300, "its standard deviation, lb/ft²"),
+            "passes": page.slider(1, 5, 1, 1, "passes"),
+            "noise": page.slider(5, 200, 5, 25, "radar noise, ft"),
+        }
+    )
+    seed = mo.ui.number(1, 999, step=1, value=1, label="seed of the noise")
+    return controls, seed
+
+
+@app.cell
+def _(controls, mo, page, seed):
+    mo.vstack([mo.md("## Try it"), page.sliders(controls), seed])
+    return
+
+
+@app.cell
+def _(command, controls, lab, mo, page, seed):
+    asked = lab.changes(**controls.value)
+    study = lab.study(asked, seed.value)
+    _row = study.main.rows[0]
+    _unit = lab.POUND_PER_SQUARE_FOOT
+    _off = (_row.estimate - _row.true) / _row.std
+    mo.vstack(
+        [
+            mo.md(
+                f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², truth {_row.true / _unit:.0f}: **{_off:+.1f} sigmas off**. "
+                f"The filter has halved its sigma at {lab.awakening(study)[0]:.1f} s, {lab.awakening(study)[1] / 1000:.1f} km up."
+            ),
+            page.command_line(command("run", lab.SCENARIO, asked, "--seed", str(seed.value))),
+        ]
+    )
+    return asked, study
+
+
+@app.cell
+def _(figure_ballistic_coefficient, lab, page, study):
+    page.picture(
+        figure_ballistic_coefficient({"Kalman filter, last pass": lab.history_of(study)}, study.truth.parameters["beta"].value),
+        "estimate of beta over time with its band of two standard deviations, and its error",
+    )
+    return
+
+
+@app.cell
+def _(figure_trajectory, lab, mo, page, study):
+    mo.accordion(
+        {
+            "The fall itself: altitude and velocity": page.picture(
+                figure_trajectory(study.record, {"Kalman filter": lab.history_of(study)}, study.truth),
+                "altitude and velocity over time with the errors of the filter",
+            )
+        }
+    )
+    return
+
+
+@app.cell
+def _(page):
+    runs = page.slider(50, 400, 50, 200, "falls")
+    return (runs,)
+
+
+@app.cell
+def _(asked, command, lab, mo, page, runs):
+    many = lab.campaign(asked, runs.value)
+    _all = many.pooled
+    mo.vstack(
+        [
+            mo.md("## Not one fall but many"),
+            runs,
+            page.table(
+                ["of all falls", "found", "if the sigma were honest"],
+                [
+                    ["mean error, in reported sigmas", f"{_all.bias:+.1f}", "0"],
+                    ["scatter, in reported sigmas", f"{many.spreads[0].scatter / many.spreads[0].reported:.1f}", "1"],
+                    ["2-sigma intervals that hold the truth", f"{100 * _all.within_two:.0f} %", "95 %"],
+                    ["falls on which the filter broke down", f"{many.broken}", "0"],
+                ],
+            ),
+            page.command_line(command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(close, lab, page):
+    _at = lab.numbers()
+    questions = {
+        "altitude": page.Question(
+            "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the body when the filter has halved its sigma of β, in km?",
+            page.number_field("km"),
+            lambda value: close(value, _at["altitude then"], 0.05),
+            "It stands under the sliders, and the band in the figure shows it.",
+            "Above that the air is too thin for drag to be felt through 25 ft of noise: a third of the record says nothing of β.",
+        ),
+        "honest": page.Question(
+            "Same sliders, 200 falls: how many of 100 intervals of two sigmas hold the truth?",
+            page.number_field("of 100"),
+            lambda value: abs(value - _at["within 2 sigma"]) <= 3,
+            "Read the table of the campaign.",
+            "An honest filter would have 95. One fall looked harmless; only repetition shows that the filter is far too sure.",
+        ),
+        "noise": page.Question(
+            "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of β grow?",
+            page.number_field("times"),
+            lambda value: close(value, lab.numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
+            "Divide the sigma at 100 ft by the one at 25 ft.",
+            "Nearly as the noise does: the sigma is noise over sensitivity, and knows nothing of a wrong linearisation.",
+        ),
+        "cure": page.Question(
+            "Start 550 ± 110 instead. How many passes does the filter need until at least 90 of 100 intervals hold the truth?",
+            page.number_field("passes"),
+            lambda value: value == lab.passes_needed(550.0, 110.0),
+            "Set the start first, then raise the passes one by one and watch the campaign.",
+            "The second pass linearises near the truth all along. The data are counted again 1/400 times only, for each pass starts with twenty of the last one's sigmas.",
+        ),
+        "worse": page.Question(
+            "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
+            page.choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
+            lambda value: value == lab.worse_prior(),
+            "Try both, and read the mean error of the campaign.",
+            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes: nothing in it warns.",
+        ),
+    }
+    answers = page.fields(questions)
+    return answers, questions
+
+
+@app.cell
+def _(answers, mo, page, questions):
+    mo.vstack([mo.md("## Questions"), page.asked(questions, answers)])
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## To think about
+
+    Output error fits the whole record at once and has no order in time: `flightid run ballistic` shows it beside the filters, with the same sigma and no bias. When
+    would you still want the filter?
+    """)
+    return
+
+
+if __name__ == "__main__":
+    app.run()

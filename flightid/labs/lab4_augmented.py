@@ -1,0 +1,207 @@
+import marimo
+
+__generated_with = "0.20.0"
+app = marimo.App(width="medium", app_title="Lab 4: an augmented aircraft and its equivalent system")
+
+
+@app.cell
+def _():
+    import marimo as mo
+    import numpy as np
+
+    from flightid.labs import page
+    from flightid.labs.figures import figure_bode
+    from flightid.labs.workings import augmented as lab
+    from flightid.labs.workings.trying import close, command
+    from scenarios.plots.signals import figure_fit, response_of
+
+    return close, command, figure_bode, figure_fit, lab, mo, np, page, response_of
+
+
+@app.cell
+def _(page):
+    page.heading(
+        4,
+        "An augmented aircraft and its equivalent system",
+        """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system, and to read from it what
+        the pilot will say.""",
+    )
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## Theory
+
+    A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$, an eigenvalue $\lambda > 0$, and doubles every disturbance in $t_2 = \ln 2 / \lambda$. A digital
+    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of whole frames give the closed loop some thirty states.
+
+    The pilot feels none of them. He moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES) is that:
+
+    $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
+       \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
+
+    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight numbers for thirty states. Its transfer function from stick to pitch rate is
+
+    $$ \frac{q}{\delta_p}(s) = \frac{M_\delta (s - L_\alpha) + M_\alpha L_\delta}{s^2 - (L_\alpha + M_q)s + L_\alpha M_q - L_q M_\alpha}\;\frac{e^{-s t_d}}{\tau s + 1} . $$
+
+    Its $M_\alpha$ is *not* the airframe's. It has the sign and the size that the control law gives, and it is what flying-qualities requirements are written for.
+
+    *Where the delay comes from.* Each filter and actuator of the loop adds phase lag. Over the pilot's band, below some 10 rad/s, phase that falls in proportion to frequency is a delay:
+    $\varphi = -\omega t_d$. Lag and delay trade against each other: to first order only their sum $t_d + \tau$ is seen. MIL-F-8785C allows an equivalent delay of 0.10 s for Level 1, 0.20 s for Level 2
+    and 0.25 s for Level 3; damping and the control anticipation parameter (CAP) have levels of their own.
+
+    *What a linear equivalent cannot hold.* Break-out of the stick, a curved stick gain, rate limits: the equivalent then changes with the size of the input.
+    """)
+    return
+
+
+@app.cell
+def _(lab, mo, page):
+    controls = mo.ui.dictionary(
+        {
+            "airframe": mo.ui.dropdown(list(lab.AIRFRAMES), value="F, flight-like", label="airframe"),
+            "amplitude": page.slider(0.25, 2, 0.25, 1, "stick amplitude, in"),
+            "unit": page.slider(0.2, 1.0, 0.1, 0.5, "unit of the 3-2-1-1, s"),
+            "dead_band": page.slider(0, 0.4, 0.05, 0.05, "dead band of the stick, in"),
+            "noise": mo.ui.checkbox(value=True, label="sensors are noisy"),
+        }
+    )
+    seed = mo.ui.number(1, 999, step=1, value=1, label="seed of the noise")
+    return controls, seed
+
+
+@app.cell
+def _(controls, mo, page, seed):
+    mo.vstack([mo.md("## Try it"), page.sliders(controls), seed])
+    return
+
+
+@app.cell
+def _(command, controls, lab, mo, page, seed):
+    asked = lab.changes(**controls.value)
+    study = lab.study(asked, seed.value)
+    _loop = study.of_loop
+    _rows = [
+        [row.name, row.unit, f"{row.estimate:.4g}", f"{row.std:.2g}", f"{getattr(_loop, row.name):.4g}" if hasattr(_loop, row.name) else ""]
+        for row in study.found.rows
+        if not row.name.endswith("_0")
+    ]
+    _flight = study.flown.x29.airframe
+    _judged = "; ".join(f"{level.criterion.quantity.replace('_', ' ')} {level.quality.value:.3g}: Level {level.level}" for level in study.levels)
+    _tests = "; ".join(f"{test.channel or 'all'}: {'passed' if test.passed else '**failed**'}" for test in study.found.tests)
+    mo.vstack(
+        [
+            mo.md(
+                f"**Airframe without its control law:** M_α = {_flight.M_alpha:+.1f} 1/s², eigenvalues {', '.join(f'{v:+.2f}' for v in lab.bare_airframe(study.flown))} 1/s: "
+                f"a disturbance doubles in **{lab.doubling_time(study.flown):.2f} s**."
+            ),
+            page.table(["equivalent system", "unit", "from the record", "sigma", "from the loop's frequency response"], _rows),
+            mo.md(
+                f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, damping ratio **{lab.quality(study, 'damping_ratio'):.3f}**, delay and lag together "
+                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, category {lab.CATEGORY}: {_judged}. Tests of the residual: {_tests}."
+            ),
+            page.command_line(
+                command("simulate", lab.SCENARIO, asked, "--seed", str(seed.value), "--out", "flight.csv")
+                + "\nflightid identify flight.csv --model loes --vehicle augmented.toml"
+            ),
+            mo.accordion({"augmented.toml": mo.md(f"```toml\n{lab.vehicle_text(study.flown)}```")}),
+        ]
+    )
+    return (study,)
+
+
+@app.cell
+def _(figure_fit, page, response_of, study):
+    page.picture(
+        figure_fit(
+            study.found.record,
+            [response_of(study.found.estimate, "equivalent system")],
+            None,
+            "",
+            dict(zip(study.found.estimate.output_names, study.found.estimate.noise_std, strict=True)),
+        ),
+        "measured angle of attack, pitch rate and load factor, those of the equivalent system, and what is left",
+    )
+    return
+
+
+@app.cell
+def _(figure_bode, lab, np, page, study):
+    page.picture(
+        figure_bode(np.geomspace(0.3, 30.0, 200), lab.responses(study, np.geomspace(0.3, 30.0, 200)), "rad/s per inch"),
+        "frequency response of pitch rate to the stick: the whole loop and the equivalent system",
+    )
+    return
+
+
+@app.cell
+def _(close, lab, page):
+    questions = {
+        "doubles": page.Question(
+            "Airframe F. How long would it take to double a disturbance if the computer stopped, in ms?",
+            page.number_field("ms"),
+            lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
+            "It stands above the table, in seconds.",
+            "A third of a second: no pilot would catch it. And yet the record shows a stable aircraft.",
+        ),
+        "sign": page.Question(
+            "M_α of the airframe is positive. What is it in the equivalent system, in 1/s²?",
+            page.number_field("1/s²"),
+            lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
+            "The first column of numbers, with its sign.",
+            "Static stability made by software. A record of stick and response alone says nothing of the airframe: for that the surfaces must be recorded too.",
+        ),
+        "level": page.Question(
+            "Which Level does the equivalent *delay* (not lag and delay together) of airframe F allow by MIL-F-8785C?",
+            page.choice(["Level 1", "Level 2", "Level 3"]),
+            lambda value: value == lab.level_of_delay(),
+            "The bounds stand at the end of the theory.",
+            "Damping, frequency and CAP are all of Level 1. It is the delay that the pilot will write about.",
+        ),
+        "trade": page.Question(
+            "Move the unit of the maneuver from 0.2 to 1.0 s. Which stays the most constant, in per cent?",
+            page.choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
+            lambda value: value == lab.most_constant(),
+            "Write the four numbers down at 0.2, 0.5 and 1.0 s.",
+            "The record shows the sum well and its parts poorly. So it is with M_α, M_q, and the lag: read equivalents together, never one by one.",
+        ),
+        "band": page.Question(
+            "Stick 1 in. Set the dead band from 0 to 0.4 in. By how many per cent does M_δ fall?",
+            page.number_field("%"),
+            lambda value: close(value, 100 * (1 - lab.numbers(dead_band=0.4)["M_delta"] / lab.numbers(dead_band=0.0)["M_delta"]), 0.05),
+            "M_δ at 0.4 in over M_δ at 0, from 1.",
+            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a smaller gain, and no test objects. Smooth stick inputs would show it.",
+        ),
+        "order": page.Question(
+            "Take the noise away. How many of the tests of the residual fail now?",
+            page.number_field("tests"),
+            lambda value: value == lab.numbers(noise=False)["tests failed"],
+            "The box `sensors are noisy`.",
+            "Eight numbers never were thirty states; the noise had hidden it. A model is good enough for a purpose and for a noise.",
+        ),
+    }
+    answers = page.fields(questions)
+    return answers, questions
+
+
+@app.cell
+def _(answers, mo, page, questions):
+    mo.vstack([mo.md("## Questions"), page.asked(questions, answers)])
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## To think about
+
+    `flightid run x29-flight` fits the same record with a bank of nine filters, as NASA TM-101722 did in 1989, and compares flight with simulation; `flightid run trace-breakout` lets the tracing
+    loop find a large break-out. Could you watch such estimates while the aircraft flies? `flightid watch` does.
+    """)
+    return
+
+
+if __name__ == "__main__":
+    app.run()

@@ -1,0 +1,95 @@
+"""What all labs show alike: pictures, command lines, tables, and questions that tell at once whether an answer holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import marimo as mo
+from matplotlib.figure import Figure
+
+from scenarios.plots.files import figure_png
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` whether its value holds.
+
+    ``hint`` is shown beside a wrong answer, ``reason`` beside a right one.
+    """
+
+    text: str
+    field: Any
+    right: Callable[[Any], bool]
+    hint: str
+    reason: str
+
+
+def heading(number: int, title: str, aim: str) -> Any:
+    """Title and aim of a lab."""
+    return mo.md(f"# Lab {number}. {title}\n\n**Aim.** {aim}")
+
+
+def picture(figure: Figure, told: str) -> Any:
+    """A figure as an image that is never wider than the page; ``told`` says what it shows to those who do not see it."""
+    return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
+
+
+def command_line(line: str, what: str = "The same on the command line") -> Any:
+    """A command that a student may copy."""
+    return mo.md(f"{what}:\n\n```sh\n{line}\n```")
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
+    """A table; numbers come as text, rounded as they are meant to be read."""
+    lines = [" | ".join(headings), " | ".join([":--", *["--:"] * (len(headings) - 1)]), *(" | ".join(row) for row in rows)]
+    return mo.md("\n".join(f"| {line} |" for line in lines))
+
+
+def sliders(controls: Any) -> Any:
+    """Controls side by side, below each other where the page is narrow."""
+    return mo.hstack(list(controls.elements.values()), wrap=True, justify="start", gap=1.5)
+
+
+def number_field(unit: str) -> Any:
+    """A field for a number that begins empty."""
+    return mo.ui.number(value=None, step=None, label=f"answer, {unit}:", debounce=True)
+
+
+def slider(start: float, stop: float, step: float, value: float, label: str) -> Any:
+    """A slider that shows its value and computes when it is let go."""
+    return mo.ui.slider(start, stop, step=step, value=value, label=label, show_value=True, debounce=True)
+
+
+def choice(options: Sequence[str] | Mapping[str, Any]) -> Any:
+    """A field for one of several answers; none is chosen at first."""
+    return mo.ui.radio(options=options, value=None)
+
+
+def fields(questions: Mapping[str, Question]) -> Any:
+    """The answers of a lab as one element, so that a notebook reads them together."""
+    return mo.ui.dictionary({key: question.field for key, question in questions.items()})
+
+
+def asked(questions: Mapping[str, Question], answers: Any) -> Any:
+    """Questions with their fields, and what is said of each answer that was given."""
+    blocks = []
+    for number, (key, question) in enumerate(questions.items(), start=1):
+        blocks.append(mo.md(f"**{number}.** {question.text}"))
+        blocks.append(answers.elements[key])
+        blocks.append(_said(question, answers.value[key]))
+    held = sum(_holds(question, answers.value[key]) for key, question in questions.items())
+    return mo.vstack([*blocks, mo.md(f"*{held} of {len(questions)} answers hold.*")], gap=0.75)
+
+
+def _holds(question: Question, value: Any) -> bool:
+    return value not in (None, "") and bool(question.right(value))
+
+
+def _said(question: Question, value: Any) -> Any:
+    if value in (None, ""):
+        return mo.md("")
+    if _holds(question, value):
+        return mo.callout(mo.md(f"Yes. {question.reason}"), kind="success")
+    return mo.callout(mo.md(f"Not yet. {question.hint}"), kind="warn")

@@ -1,0 +1,75 @@
+"""Lab 2: the short period of a bomber from a 3-2-1-1 of its elevator, and what the maneuver must excite."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flightid.labs.workings.trying import row_of, sigmas_off, tried
+
+if TYPE_CHECKING:
+    from scenarios.studies.study import Study
+
+SCENARIO = "rigid"
+OUTPUTS = {"alpha and q": '["alpha", "q"]', "alpha alone": '["alpha"]', "q alone": '["q"]'}
+PEAK_OF_DOUBLET = 2.3311  # omega T at which sin(omega T / 2)^2 / omega, the size of a doublet's spectrum, is largest: tan(x) = 2 x at x = omega T / 2
+
+
+def changes(kind: str = "3-2-1-1", amplitude: float = 6.0, unit: float = 0.5, rate: int = 100, outputs: str = "alpha and q") -> tuple[str, ...]:
+    """Changes of the scenario: kind of maneuver, its amplitude (deg) and unit (s), samples a second, outputs that the estimator sees."""
+    return (
+        "flight.duration=12 s",
+        f"flight.rate={rate:d} Hz",
+        f"flight.maneuvers.1.kind={kind}",
+        f"flight.maneuvers.1.amplitude={amplitude:g} deg",
+        f"flight.maneuvers.1.unit={unit:g} s",
+        f"estimate.outputs={OUTPUTS[outputs]}",
+    )
+
+
+def study(asked: tuple[str, ...], seed: int = 1) -> Study:
+    """One flight, estimated."""
+    return tried(SCENARIO, asked, seed)
+
+
+def largest_alpha(found: Study) -> float:
+    """Largest angle of attack of the flight, without noise, deg from trim."""
+    return float(np.degrees(np.max(np.abs(found.truth.outputs["alpha"]))))
+
+
+def numbers(
+    kind: str = "3-2-1-1", amplitude: float = 6.0, unit: float = 0.5, rate: int = 100, outputs: str = "alpha and q", seed: int = 1
+) -> dict[str, float]:
+    """What the key expects: sigmas in per cent of the true value, errors in sigmas, the short period's frequency and damping with sigmas."""
+    found = study(changes(kind, amplitude, unit, rate, outputs), seed)
+    rows = {row.name: row for row in found.main.rows}
+    frequency, damping = found.main.derived["natural_frequency"], found.main.derived["damping_ratio"]
+    shares = {f"sigma of {name}, %": 100.0 * row.std / abs(row.true or math.nan) for name, row in rows.items()}
+    return {
+        **shares,
+        "error of Cm_alpha, sigmas": sigmas_off(rows["Cm_alpha"]),
+        "frequency": frequency[0],
+        "sigma of frequency, %": 100.0 * frequency[1] / frequency[0],
+        "damping": damping[0],
+        "largest alpha": largest_alpha(found),
+        "tests failed": float(sum(not test.passed for test in found.main.tests)),
+    }
+
+
+def longest_unit(limit: float, amplitude: float = 6.0) -> float:
+    """The longest unit, in steps of 0.1 s from 0.1 to 1.2, whose 3-2-1-1 keeps alpha within ``limit`` (deg); seen on the flights themselves."""
+    units = [0.1 * step for step in range(1, 13)]
+    kept = [unit for unit in units if largest_alpha(study(changes(amplitude=amplitude, unit=round(unit, 1)))) <= limit]
+    return round(max(kept), 1)
+
+
+def tuned_doublet(frequency: float) -> float:
+    """Unit (s) of the doublet whose spectrum peaks at a frequency (rad/s)."""
+    return PEAK_OF_DOUBLET / frequency
+
+
+def sigma_ratio(first: tuple[str, ...], second: tuple[str, ...], name: str = "Cm_alpha") -> float:
+    """Sigma of a parameter under the second changes over that under the first."""
+    return row_of(study(second).main, name).std / row_of(study(first).main, name).std

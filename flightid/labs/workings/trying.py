@@ -1,0 +1,55 @@
+"""A scenario tried with other values, remembered so that a slider moved back answers at once; and the command line that does the same."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scenarios.studies.campaign import Campaign
+    from scenarios.studies.rows import Row
+    from scenarios.studies.study import MethodResult, Study
+
+KEPT = 64  # studies that are remembered: some hundred kB each
+ALONE = "methods=[]"  # a change of a scenario: its main method alone
+
+
+@lru_cache(KEPT)
+def tried(name: str, changes: tuple[str, ...] = (), seed: int | None = None) -> Study:
+    """A scenario of estimators flown and estimated with changes as ``--set`` makes them. Errors as ``run_scenario``."""
+    from scenarios.studies.catalogue import load_scenario
+    from scenarios.studies.study import run_scenario
+
+    return run_scenario(load_scenario(name, changes), seed)
+
+
+@lru_cache(KEPT)
+def repeated(name: str, changes: tuple[str, ...], runs: int, seed: int | None = None) -> Campaign:
+    """The same flight measured ``runs`` times and estimated by the main method. Errors as ``fly_campaign``."""
+    from scenarios.studies.campaign import fly_campaign
+    from scenarios.studies.catalogue import load_scenario
+
+    return fly_campaign(load_scenario(name, changes), runs, seed)
+
+
+def command(verb: str, name: str, changes: Sequence[str] = (), *options: str) -> str:
+    """The command line that does what the lab shows, quoted for a shell, each ``--set`` on a line of its own."""
+    return " \\\n  ".join([shlex.join(["flightid", verb, name, *options]), *(f"--set {shlex.quote(change)}" for change in changes)])
+
+
+def row_of(method: MethodResult, name: str) -> Row:
+    """One parameter's row of a method."""
+    return next(row for row in method.rows if row.name == name)
+
+
+def sigmas_off(row: Row) -> float:
+    """Estimate minus reference, in reported standard deviations."""
+    assert row.reference is not None
+    return (row.estimate - row.reference) / row.std
+
+
+def close(value: float | None, to: float, within: float) -> bool:
+    """Whether an answer is near a number: ``within`` is a share of it."""
+    return value is not None and abs(value - to) <= within * abs(to)

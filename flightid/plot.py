@@ -1,0 +1,19 @@
+"""Figures of results: functions that take a result and return a matplotlib Figure."""
+
+from __future__ import annotations
+
+from scenarios.api.plot import correlation, derivatives, evidence, fit, held_out, prediction, reconstruction, record, replication, residuals, spectra
+
+__all__ = [
+    "correlation",
+    "derivatives",
+    "evidence",
+    "fit",
+    "held_out",
+    "prediction",
+    "reconstruction",
+    "record",
+    "replication",
+    "residuals",
+    "spectra",
+]

@@ -1,0 +1,50 @@
+"""Limits of an input, fitted from the declared values too.
+
+A fit without the limit bends its derivatives to what the limit took away. From there slopes lead to a limit that hardly acts, and what is
+left is taken for a further effect; the declared derivatives, however rough, lie on the right side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import Finding
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.ledger import Ledger, fit
+from sim.declaration.effect import Regularity, Station, full_name
+from sim.declaration.proposal import Traceable
+
+
+def is_limit(effect: Traceable) -> bool:
+    """Whether an effect leaves inputs as they are until they are large or fast enough: no slope leads from its absence to it."""
+    return effect.station is Station.INPUT_PATH and effect.regularity is Regularity.INACTIVE
+
+
+def limits_from_declared_values(
+    ledger: Ledger, fitted: FittedModel, findings: Sequence[Finding], children: dict[int, FittedModel]
+) -> tuple[Ledger, dict[int, FittedModel]]:
+    """The children of a set, those with a limit from the declared values and each of its probes where that is better.
+
+    Only beside what any record may have; an effect that was added before has values of its own to start from. Ends with the first that
+    leaves noise.
+    """
+    found = dict(children)
+    if fitted.foreground:
+        return ledger, found
+    context = search_context(fitted, ledger.problem.predicted)
+    for place, finding in enumerate(findings):
+        if not is_limit(finding.effect):
+            continue
+        for probe in finding.effect.probes(context):
+            if ledger.exhausted:
+                return ledger, found
+            start = {full_name(finding.effect, name): value for name, value in probe.values.items()}
+            ledger, child = fit(ledger, (*fitted.effects, finding.effect), None, start, rough=True)
+            if child is None or child.fit.cost >= min(fitted.fit.cost, found[place].fit.cost if place in found else fitted.fit.cost):
+                continue
+            found[place] = child
+            if is_white(child):
+                return ledger, found
+    return ledger, found

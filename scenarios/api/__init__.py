@@ -1,0 +1,1 @@
+"""What `import flightid` offers: records in memory, results with values, tables and figures."""

@@ -1,0 +1,88 @@
+"""From keywords to the request that the commands make of their options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from scenarios.api.records.in_memory import numbered_apart
+from scenarios.api.records.record import Record, read_record
+from scenarios.api.vehicle import Vehicle, source_of
+from scenarios.files.measured.record_file import RecordFile, read_record_file, refuse_twice
+from scenarios.files.own_models import OwnModel, model_in_memory
+from scenarios.files.vehicles import MODELS, vehicle_beside
+from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.request import Request
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
+from sim.errors import RecordError
+
+Source = str | PathLike[str] | Record | Any  # a record, or whatever `read_record` takes
+Declared = str | PathLike[str] | Model  # a model's name, the path of a Python file that holds one of your own, or that model itself
+Times = float | Sequence[float] | None
+
+
+def request_of(
+    records: Source | Sequence[Source],
+    model: Declared = "",
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    validate: Source | Sequence[Source] = (),
+    *,
+    effects: str | PathLike[str] | Sequence[Traceable] | None = None,
+    channels: Any = None,
+    plan: Plan,
+    effort: str = "normal",
+    aircraft_class: str | None = None,
+    category: str | None = None,
+) -> Request:
+    """The request; records are opened now, so that a fault in one is told before anything is computed."""
+    fitted, predicted = _listed(records), _listed(validate)
+    if not fitted:
+        raise RecordError("no record is given", where="records", remedy="give one at least")
+    opened = [_file_of(each) for each in (*fitted, *predicted)]
+    refuse_twice([file for file in opened if file.in_memory])
+    files = numbered_apart(opened)
+    choices = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
+    asked = _model_of(model)
+    return Request(
+        tuple(files[: len(fitted)]),
+        asked,
+        source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else vehicle_beside(files[0]),
+        tuple(files[len(fitted) :]),
+        Path(effects) if isinstance(effects, str | PathLike) else None if effects is None else tuple(effects),
+        choices,
+        plan,
+        effort,
+        aircraft_class,
+        category,
+    )
+
+
+def plan_from(start: Times, stop: Times, hold: str | None, rate: float | None, lowpass: float | None, trust_record: bool) -> Plan:
+    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s."""
+    return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record)
+
+
+def _model_of(given: Declared) -> str | OwnModel:
+    return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
+
+
+def _times(given: Times) -> list[float] | None:
+    if given is None:
+        return None
+    return [float(each) for each in given] if isinstance(given, Sequence) else [float(given)]
+
+
+def _listed(given: Source | Sequence[Source]) -> list[Source]:
+    """One record or several as a list."""
+    if given is None:
+        return []
+    return list(given) if isinstance(given, list | tuple) else [given]
+
+
+def _file_of(given: Source) -> RecordFile:
+    if isinstance(given, str | PathLike):
+        return read_record_file(Path(given))
+    return (given if isinstance(given, Record) else read_record(given)).file

@@ -1,0 +1,116 @@
+"""`campaign` in Python: the same study with many seeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenarios.api.running import LOOP
+from scenarios.api.shown import html
+from scenarios.api.study import Settings, changes_of
+from scenarios.files.declarations import named_after
+from scenarios.studies import campaign as campaigns
+from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    import pandas
+
+COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "within_two")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign:
+    """Estimates of many runs against what is true. ``details``: everything that the library knows of it."""
+
+    details: campaigns.Campaign
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The estimated parameters."""
+        return self.details.names
+
+    @property
+    def values(self) -> np.ndarray:
+        """Estimates, shape ``(runs, parameters)``; runs that broke down are left out."""
+        return self.details.values.T
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations as reported, shape ``(runs, parameters)``."""
+        return self.details.std.T
+
+    @property
+    def coverage(self) -> float:
+        """Share of two-sigma intervals of all parameters that hold the reference."""
+        return self.details.pooled.within_two
+
+    @property
+    def coverage_interval(self) -> tuple[float, float]:
+        """Its 95 % confidence interval."""
+        return self.details.pooled.interval
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma intervals that hold the reference."""
+        import pandas
+
+        spreads = self.details.spreads
+        rows = [{name: getattr(each, name) for name in COLUMNS} for each in spreads]
+        return pandas.DataFrame(rows, columns=list(COLUMNS), index=pandas.Index([each.name for each in spreads], name="parameter"))
+
+    def estimates(self) -> pandas.DataFrame:
+        """One row a run: each estimate and its ``std_NAME``."""
+        import pandas
+
+        pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
+        return pandas.DataFrame({**pairs, **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)}})
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.studies.campaign_text import print_campaign
+        from scenarios.terminal.numbers import as_text
+
+        return as_text(lambda out: print_campaign(self.details, out))
+
+    def save(self, folder: str | PathLike[str]) -> Path:
+        """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
+        from scenarios.studies.campaign_text import write_campaign
+
+        return write_campaign(self.details, Path(folder))
+
+    @property
+    def _title(self) -> str:
+        return f"{self.details.scenario.name}, {len(self.details.seeds)} runs by {self.details.estimation.label}"
+
+    def __repr__(self) -> str:
+        low, high = self.coverage_interval
+        return f"<Campaign: {self._title}; {100 * self.coverage:.1f} % within two sigmas ({100 * low:.1f} to {100 * high:.1f} %)>"
+
+    def _repr_html_(self) -> str:
+        rows = [[each.name, *(_cell(getattr(each, name)) for name in COLUMNS)] for each in self.details.spreads]
+        return html.page(self._title, html.table(("parameter", *COLUMNS), rows, left=2))
+
+
+def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, set: Settings = None, method: str | None = None) -> Campaign:
+    """The same scenario with ``runs`` seeds from ``seed`` on: bias, scatter against reported sigma, coverage; ``flightid campaign`` in Python.
+
+    Raises
+    ------
+    InputError : there is no such scenario or method, or it is none of estimators.
+    """
+    text = str(name)
+    kind = scenario_kind(text) if text not in LOOP else "the tracing loop"
+    if kind != IDENTIFICATION:
+        what = f"{text} is a campaign of {kind}, and only those of estimators are run from Python"
+        raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
+    scenario = load_scenario(text, changes_of(set))
+    with named_after(scenario_file(text)):
+        return Campaign(campaigns.fly_campaign(scenario, runs, seed, method or "main"))
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,250 @@
+"""`diagnose` in Python: what the model lacks, with the evidence, the report and the figures of the command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenarios.api import plot
+from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.record import Record, record_of
+from scenarios.api.shown import html
+from scenarios.api.shown.effect_claims import Effect, claimed_effects
+from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.responses import prediction_of
+from scenarios.api.vehicle import Vehicle
+from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.tracing import Tracing
+from scenarios.plots.formats import formats_wanted
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+
+    from ident.tracing.diagnosis import Quantity
+    from sim.declaration.proposal import Traceable
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis:
+    """What a model lacks, as the records show it.
+
+    Attributes
+    ----------
+    details : everything that the library knows of the search and its files.
+    """
+
+    details: Tracing
+
+    @property
+    def verdict(self) -> str:
+        """``"consistent"``, ``"traced"``, ``"partial"``, ``"ambiguous"`` or ``"unexplained"``."""
+        return self.details.diagnosis.verdict.value
+
+    @property
+    def sentence(self) -> str:
+        """What the verdict means."""
+        return self.details.diagnosis.verdict.sentence
+
+    @property
+    def headline(self) -> str:
+        """The finding in one sentence."""
+        from scenarios.diagnosis.report.text import headline
+
+        return headline(self.details)
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects that are claimed."""
+        return claimed_effects(self.details, claimed=True)
+
+    @cached_property
+    def hints(self) -> tuple[Effect, ...]:
+        """Effects that are worth a look and not claimed."""
+        return claimed_effects(self.details, claimed=False)
+
+    @cached_property
+    def before(self) -> Parameters:
+        """Parameters of the declared model alone."""
+        return _parameters(self.details.diagnosis.before)
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Parameters of the declared model with the claimed effects beside them."""
+        return _parameters(self.details.diagnosis.after)
+
+    @property
+    def error_before(self) -> dict[str, float]:
+        """Root mean square error of the declared model by channel, on ``predicted``, SI."""
+        return dict(self.details.diagnosis.error_before.rmse)
+
+    @property
+    def error_after(self) -> dict[str, float]:
+        """The same with the claimed effects."""
+        return dict(self.details.diagnosis.error_after.rmse)
+
+    @property
+    def noise_floor(self) -> dict[str, float]:
+        """The error that noise alone would leave, by channel, SI."""
+        return dict(self.details.diagnosis.noise_floor)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """What was fitted, as it was prepared."""
+        return tuple(record_of(record) for record in self.details.records)
+
+    @property
+    def predicted(self) -> tuple[Record, ...]:
+        """What was not fitted but predicted."""
+        return tuple(record_of(record) for record in self.details.validation)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the records or the result, one sentence each."""
+        from scenarios.diagnosis.report.evidence import warnings_of
+
+        return (*self.details.doubts, *warnings_of(self.details))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the records were prepared, one sentence each."""
+        return self.details.notes
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[name]
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.diagnosis.report.text import diagnosis_text
+
+        return diagnosis_text(self.details)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and with the effects (``after``)."""
+        import pandas
+
+        before, after = self.before.to_dataframe(), self.parameters.to_dataframe()
+        both = pandas.concat({"before": before.drop(columns="unit"), "after": after.drop(columns="unit")}, axis=1)
+        both.columns = [f"{name}_{when}" for when, name in both.columns]
+        both.insert(0, "unit", after["unit"].combine_first(before["unit"]))
+        return both.rename_axis("parameter")
+
+    def prediction(self, number: int = 0) -> pandas.DataFrame:
+        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared model (``before_alpha``) and with what was found."""
+        return prediction_of(self.details.diagnosis, number)
+
+    def candidates(self) -> pandas.DataFrame:
+        """Every candidate of every round: gain of the log likelihood, p, what became of it."""
+        import pandas
+
+        keys = ("round", "within", "name", "gain", "p_value", "fitted", "plausible", "held_out_change", "remark")
+        return pandas.DataFrame([{key: getattr(each, key) for key in keys} for each in self.details.diagnosis.candidates], columns=list(keys))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``diagnosis.json``."""
+        from datetime import UTC, datetime
+
+        from scenarios.diagnosis.report.content import diagnosis_content
+
+        return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
+
+    def to_state_space(self, pade: int = 4) -> control.StateSpace:
+        """The declared model with ``parameters``, as python-control's with named signals; the claimed effects are no part of it."""
+        from ident.flying_qualities.state_space import to_control
+        from scenarios.identification.state_space import linearised
+        from sim.declaration.compile import compile_model
+
+        traced, values = self.details, self.parameters.to_dict()
+        return to_control(linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own), pade)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write the study with its ``report.html`` as the command does with ``--out``; returns the folder."""
+        from scenarios.diagnosis.report.files import write_diagnosis
+
+        return write_diagnosis(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write the report alone, one HTML file that holds its figures; returns the path."""
+        from tempfile import TemporaryDirectory
+
+        with TemporaryDirectory(prefix="flightid-") as folder:
+            page = (self.save(Path(folder) / "study", figures=figures) / "report.html").read_bytes()
+        Path(path).write_bytes(page)
+        return Path(path)
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.residuals()``, ``found.plot.prediction()``, ..."""
+        return plot.Figures(self, plot.residuals, plot.spectra, plot.prediction, plot.evidence, plot.derivatives, plot.replication)
+
+    def __repr__(self) -> str:
+        named = ", ".join(effect.name for effect in self.effects) or "no effect claimed"
+        return f"<Diagnosis: {self.verdict}; {named}; {self.parameters!r:.500}>"
+
+    def _repr_html_(self) -> str:
+        told = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
+        return html.page(
+            f"{self.verdict.upper()}: {self.headline}", html.sentences(told), self.parameters.html_table(), html.sentences(self.warnings)
+        )
+
+
+def diagnose(
+    records: Source | Sequence[Source],
+    model: Declared,
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    *,
+    validate: Source | Sequence[Source] = (),
+    effects: str | PathLike[str] | Sequence[Traceable] | None = None,
+    effort: str = "normal",
+    channels: Any = None,
+    start: Times = None,
+    stop: Times = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+    trust_record: bool = False,
+    aircraft_class: str | None = None,
+    category: str | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """What the model lacks: fit, find the residual's cause, add it, fit again, compare; ``flightid diagnose`` in Python.
+
+    Parameters
+    ----------
+    records, model, vehicle, channels, start, stop, hold, rate, lowpass, trust_record, aircraft_class, category : as in ``identify``.
+    validate : records that are predicted; else the last of several is held out, or the last part of one.
+    effects : effects of your own, or the path of a Python file with them. effort : ``"normal"`` or ``"thorough"``.
+    progress : told the stage and the share done, 0 to 1.
+
+    Raises
+    ------
+    InputError : anything asked or in the records that keeps them from being used, in one line.
+    """
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
+    request = request_of(
+        records,
+        model,
+        vehicle,
+        validate,
+        effects=effects,
+        channels=channels,
+        plan=plan,
+        effort=effort,
+        aircraft_class=aircraft_class,
+        category=category,
+    )
+    return Diagnosis(diagnose_files(request, progress or _untold))
+
+
+def _untold(stage: str, share: float) -> None:
+    """Progress that nobody asked for."""
+
+
+def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
+    return Parameters(Parameter(name, each.value, each.std, each.unit) for name, each in quantities.items())

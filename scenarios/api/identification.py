@@ -1,0 +1,238 @@
+"""`identify` in Python: parameters of a model from records, with everything that the command prints and writes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenarios.api import plot
+from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.record import Record, record_of
+from scenarios.api.shown import html
+from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.responses import errors_of, response_of
+from scenarios.api.vehicle import Vehicle
+from scenarios.identification.from_files import Identified, identify_files
+from scenarios.identification.result import Options
+from scenarios.plots.formats import formats_wanted
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+
+    from ident.flying_qualities.state_space import StateSpace
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification:
+    """Parameters of a model from records. ``found["Cm_alpha"].value``, ``.sigma``, ``.unit``.
+
+    Attributes
+    ----------
+    details : everything that the library knows of the fit and its files.
+    """
+
+    details: Identified
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """What was estimated, by name; sensors' biases are in ``biases``."""
+        found = self.details.found
+        starts = {**found.vehicle.derivatives, **{name: value for _, mode in found.vehicle.modes for name, value in mode.items()}}
+        return Parameters(Parameter(row.name, row.estimate, row.std, row.unit, starts.get(row.name)) for row in found.rows)
+
+    @cached_property
+    def biases(self) -> Parameters:
+        """Biases of sensors, where the method gives them a sigma."""
+        return Parameters(Parameter(row.name, row.estimate, row.std, row.unit) for row in self.details.found.biases)
+
+    @property
+    def derived(self) -> dict[str, tuple[float, float]]:
+        """What follows from the parameters (natural frequency, damping ratio, ...): value and sigma, SI."""
+        return dict(self.details.found.derived)
+
+    @property
+    def values(self) -> np.ndarray:
+        """Estimates, in the order of ``parameters``."""
+        return np.array([item.value for item in self.parameters.values()])
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations, in the order of ``parameters``."""
+        return np.array([item.sigma for item in self.parameters.values()])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of all that was estimated, ``(n, n)`` in the order of ``details.found.estimate.names``."""
+        return self.details.found.estimate.covariance
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Profile-likelihood intervals where they were asked; an end that is open is infinite."""
+        ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
+        return {name: (-math.inf if low is None else low, math.inf if high is None else high) for name, (low, high) in ends.items()}
+
+    @property
+    def outcome(self) -> str:
+        """``"converged"``, or what went wrong."""
+        return self.details.found.estimate.outcome.code
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit ended as it should."""
+        return self.outcome == "converged"
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the fitted records."""
+        return self.details.found.estimate.log_likelihood
+
+    @property
+    def model(self) -> str:
+        """The model's name."""
+        return self.details.found.vehicle.model
+
+    @property
+    def method(self) -> str:
+        """The method's name."""
+        return self.details.found.method
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The fitted records as they were prepared, SI."""
+        return tuple(record_of(record) for record in self.details.measured)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the records or the result, one sentence each."""
+        found = self.details.found
+        return (*found.doubts, *found.cautions, *((found.reading.sentence,) if found.reading else ()), *found.look.set_aside)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the records were prepared and the fit was made, one sentence each."""
+        return self.details.found.notes
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.biases[name] if name in self.biases else self.parameters[name]
+
+    def summary(self) -> str:
+        """What the command prints."""
+        from scenarios.identification.report.text import print_identification
+        from scenarios.terminal.numbers import as_text
+
+        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
+        return self.parameters.to_dataframe()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of ``comparison.json``."""
+        from scenarios.files.measured.record_file import identities
+        from scenarios.identification.report.files import identification_content
+
+        d = self.details
+        return identification_content(d.found, identities(d.files), d.flown, identities(d.validation))
+
+    def errors(self) -> pandas.DataFrame:
+        """Errors of the free simulation by record and channel, SI; those that were not fitted are marked ``held_out``."""
+        return errors_of(self.details.found.fits)
+
+    def response(self, number: int = 0) -> pandas.DataFrame:
+        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's (``predicted_alpha``); held-out records last."""
+        return response_of(self.details.found, number)
+
+    def linearised(self) -> StateSpace:
+        """The identified model as matrices about its point of reference, with units and delays. Raises InputError where there is no such point."""
+        from scenarios.identification.state_space import state_space_of
+
+        return state_space_of(self.details.found)
+
+    def to_state_space(self, pade: int = 4) -> control.StateSpace:
+        """The same as python-control's, with named states, inputs and outputs; a delay as a Pade approximation of order ``pade``."""
+        from ident.flying_qualities.state_space import to_control
+
+        return to_control(self.linearised(), pade)
+
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
+        """Write the study as the command does with ``--out``; returns the folder."""
+        from scenarios.identification.report.files import write_identification
+
+        return write_identification(self.details, Path(folder), figures=formats_wanted(figures))
+
+    @property
+    def plot(self) -> plot.Figures:
+        """Figures of this result: ``found.plot.fit()``, ``found.plot.residuals()``, ..."""
+        return plot.Figures(self, plot.fit, plot.held_out, plot.correlation)
+
+    def __repr__(self) -> str:
+        return f"<Identification: {self._title}; {self.parameters!r:.600}>"
+
+    def _repr_html_(self) -> str:
+        return html.page(self._title, self.parameters.html_table(), html.sentences(self.warnings))
+
+    @property
+    def _title(self) -> str:
+        found = self.details.found
+        records = ", ".join(record.name for record in (found.record, *found.others))
+        return f"{self.model} model of {found.vehicle.name} from {records:.200} by {self.method}, {self.outcome}"
+
+
+def identify(
+    records: Source | Sequence[Source],
+    model: Declared,
+    vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
+    *,
+    method: str = "output-error",
+    validate: Source | Sequence[Source] = (),
+    profile: bool | str | Sequence[str] | None = None,
+    band: tuple[float, float] | None = None,
+    engine: str | None = None,
+    channels: Any = None,
+    start: Times = None,
+    stop: Times = None,
+    hold: str | None = None,
+    rate: float | None = None,
+    lowpass: float | None = None,
+    trust_record: bool = False,
+    aircraft_class: str | None = None,
+    category: str | None = None,
+) -> Identification:
+    """Parameters of a model from records: ``flightid identify`` in Python.
+
+    Parameters
+    ----------
+    records : one record or several; each a ``Record`` or whatever ``read_record`` takes.
+    model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the path of its Python file.
+    vehicle : what ``vehicle`` takes: a file, a name of the library, numbers; None takes ``vehicle.toml`` beside the first record.
+    method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
+    validate : records that are predicted with what was estimated from the others.
+    profile : parameters whose profile-likelihood interval is wanted; True: of every one.
+    band : Hz, for frequency-domain. engine : who runs the filters of loes by ekf.
+    channels : a channel map as in ``read_record``, for all records.
+    start, stop : the part that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as the command's options.
+    aircraft_class, category : by which levels of flying qualities are told.
+
+    Raises
+    ------
+    InputError : anything asked or in the records that keeps them from being used, in one line.
+    """
+    plan = plan_from(start, stop, hold, rate, lowpass, trust_record)
+    request = request_of(records, model, vehicle, validate, channels=channels, plan=plan, aircraft_class=aircraft_class, category=category)
+    return Identification(identify_files(request, method, Options(_profiled(profile), band, engine)))
+
+
+def _profiled(asked: bool | str | Sequence[str] | None) -> tuple[str, ...] | None:
+    if asked is None or asked is False:
+        return None
+    if asked is True or asked == "all":
+        return ()
+    return (asked,) if isinstance(asked, str) else tuple(dict.fromkeys(asked))

@@ -1,0 +1,189 @@
+"""Figures of results: functions that take a result and return a matplotlib Figure, the same figures that studies hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from scenarios.api.recorded import Recorded
+from sim.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from scenarios.compatibility.check import Check
+    from scenarios.diagnosis.tracing import Tracing
+    from scenarios.identification.from_files import Identified
+    from sim import record as sim_record
+
+
+class Fitted(Protocol):
+    """An identification."""
+
+    @property
+    def details(self) -> Identified: ...
+
+
+class Simulated(Protocol):
+    """A study of simulated flights."""
+
+    @property
+    def details(self) -> Any: ...
+
+
+class Traced(Protocol):
+    """A diagnosis."""
+
+    @property
+    def details(self) -> Tracing: ...
+
+
+class Checked(Protocol):
+    """A check of the kinematics."""
+
+    @property
+    def details(self) -> Check: ...
+
+
+def record(given: Recorded) -> Figure:
+    """Inputs and outputs against time, angles in degrees."""
+    from scenarios.plots.signals import figure_record
+
+    return shown(figure_record(_as_recorded(given), given.name))
+
+
+def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
+    """Measured outputs against the model's, and the residual below each; ``number`` counts the fitted records from 0.
+
+    Of a study of simulated flights with what is true.
+    """
+    from scenarios.identification.from_files import Identified
+    from scenarios.plots.signals import figure_fit, response_of
+
+    if not isinstance(found.details, Identified):
+        study = found.details
+        responses = [response_of(method.result.estimate, method.estimation.label) for method in study.methods[:1]]
+        return shown(figure_fit(study.record, responses, study.truth, study.scenario.title, study.truth.noise_std))
+    inner = found.details.found
+    records, estimate = (inner.record, *inner.others), inner.estimate
+    given = _one_of(records, number, "fitted records")
+    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
+    return shown(figure_fit(given, [response_of(estimate, record=number)], None, f"{given.name}: {inner.vehicle.model}, {inner.method}", noise))
+
+
+def held_out(found: Fitted, number: int = 0) -> Figure:
+    """A record that was not fitted: measured outputs against the model's; ``number`` counts these records from 0."""
+    from scenarios.plots.signals import Response, figure_fit
+
+    inner = found.details.found
+    one = _one_of([each for each in inner.fits if each.held_out and each.figures is not None], number, "records held out")
+    noise = dict(zip(inner.estimate.output_names, inner.estimate.noise_std.tolist(), strict=True))
+    response = Response("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
+    return shown(figure_fit(one.record, [response], None, f"{one.record.name}: {inner.vehicle.model}, {inner.method}\nheld out", noise))
+
+
+def correlation(found: Fitted) -> Figure:
+    """How estimates hang together."""
+    from scenarios.plots.correlation import figure_correlation
+
+    inner = found.details.found
+    return shown(figure_correlation(inner.estimate.names, inner.estimate.correlation, f"{inner.vehicle.model}, {inner.method}"))
+
+
+def residuals(found: Traced, number: int = 0) -> Figure:
+    """What the model leaves of a fitted record, before and after; ``number`` counts the fitted records from 0."""
+    return _of_diagnosis(found, "residuals", number)
+
+
+def spectra(found: Traced, number: int = 0) -> Figure:
+    """Spectra of the residuals of a fitted record, before and after."""
+    return _of_diagnosis(found, "spectra", number)
+
+
+def prediction(found: Traced, number: int = 0) -> Figure:
+    """A record that was not fitted: measured and predicted, before and after."""
+    return _of_diagnosis(found, "held_out", number)
+
+
+def evidence(found: Traced) -> Figure:
+    """The best candidates of each round."""
+    return _of_diagnosis(found, "evidence", 0)
+
+
+def derivatives(found: Traced) -> Figure:
+    """Parameters of the declared model before and after."""
+    return _of_diagnosis(found, "derivatives", 0)
+
+
+def replication(found: Traced) -> Figure:
+    """Parameters of the claimed effects from each record by itself."""
+    return _of_diagnosis(found, "replication", 0)
+
+
+def reconstruction(found: Checked, number: int = 0) -> Figure:
+    """Measured channels against those that the kinematics reconstruct."""
+    from scenarios.plots.compatibility import figure_reconstruction
+
+    item = _one_of(found.details.result.reconstructions, number, "reconstructions")
+    return shown(figure_reconstruction(item, f"{item.record}: reconstructed against measured"))
+
+
+class Figures:
+    """The figures of one result: ``found.plot.fit()`` is ``flightid.plot.fit(found)``."""
+
+    def __init__(self, of: Any, *functions: Callable[..., Figure]) -> None:
+        self._of = of
+        self._functions = {function.__name__: function for function in functions}
+
+    def __getattr__(self, name: str) -> Callable[..., Figure]:
+        functions = self.__dict__.get("_functions", {})
+        if name not in functions:
+            raise AttributeError(f"there is no figure {name!r}: {', '.join(functions)}")
+        return partial(functions[name], self._of)
+
+    def __dir__(self) -> list[str]:
+        return list(self._functions)
+
+    def __repr__(self) -> str:
+        return f"<figures: {', '.join(self._functions)}>"
+
+
+def shown(figure: Figure) -> Figure:
+    """A figure that a notebook shows by itself, also where nobody asked matplotlib for a backend."""
+    from scenarios.plots.files import figure_png
+
+    figure._repr_png_ = partial(figure_png, figure)  # type: ignore[attr-defined]
+    return figure
+
+
+def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
+    from scenarios.diagnosis.report.figures import figures_of as made
+    from scenarios.diagnosis.report.figures import numbered
+    from scenarios.diagnosis.report.files import pictured
+
+    figures = dict(made(pictured(found.details)))
+    name = numbered(stem, number)
+    if name not in figures:
+        raise DeclarationError(f"there is no figure {name}", where="plot", remedy=f"this diagnosis has {', '.join(figures)}")
+    return shown(figures[name]())
+
+
+def _one_of(items: Any, number: int, what: str) -> Any:
+    if not 0 <= number < len(items):
+        raise DeclarationError(f"there is no number {number}", where=f"plot, {what}", remedy=f"there are {len(items)}, from 0 on")
+    return items[number]
+
+
+def _as_recorded(given: Recorded) -> sim_record.Record:
+    """A record with all its channels, inputs apart."""
+    from sim.record import Channel, Hold
+    from sim.record import Record as SimRecord
+
+    inputs, outputs = (
+        tuple(Channel.of(name, given.units[name], given[name]) for name in names if np.any(np.isfinite(given[name])))
+        for names in (given.input_names, given.output_names)
+    )
+    return SimRecord(given.time, inputs, outputs, Hold(given.hold), given.name)

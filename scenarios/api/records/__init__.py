@@ -1,0 +1,1 @@
+"""Records in memory, and their way to and from the containers of other packages."""

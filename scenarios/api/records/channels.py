@@ -1,0 +1,88 @@
+"""The channels of a record file without a model that asks for them: what is ours by name and unit, and the other columns as they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
+from scenarios.files.declarations import closest
+from scenarios.files.measured.columns import Column as Found
+from scenarios.files.measured.columns import find_column, split_header, suffix_unit
+from scenarios.files.measured.record_file import RecordFile
+from scenarios.files.measured.tables import numbers
+from scenarios.files.records import read_record
+from sim.errors import RecordError
+
+INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A channel's unit, and how its values ``(N,)`` are read; ``header`` is its cell in the file."""
+
+    unit: str
+    header: str
+    values: Callable[[], np.ndarray]
+
+
+def columns_of(file: RecordFile) -> dict[str, Column]:
+    """Every channel of a record file, time left out, in the order of its columns.
+
+    A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
+    """
+    taken: dict[int, tuple[str, Column]] = {}
+    for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
+        found, unit = _found(file, name), CHANNEL_UNITS[name]
+        if found is not None and found.index not in taken:
+            told = found.unit if name == STICK else unit
+            taken[found.index] = (name, Column(told, found.header, partial(_channel, file, name)))
+    for name in (each for each in file.choices if each not in CHANNEL_UNITS):
+        choice = file.choices[name]
+        for index, cell in enumerate(file.table.header):
+            if choice.column in (cell, split_header(cell)[0]):
+                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or "1", cell, partial(_raw, file, index)))
+    for index, cell in enumerate(file.table.header):
+        if index not in taken and cell and _numeric(file, index):
+            name, unit_told = split_header(cell)
+            told = unit_told or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
+            taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
+    return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
+
+
+def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
+    """Raise RecordError for a unit of a column that is not there, or whose header says another."""
+    header, where = file.table.header, f"{file.table.file}, units"
+    columns = {choice.column for choice in file.choices.values()}
+    for name, unit in units.items():
+        cells = [cell for cell in header if split_header(cell)[0] == name or cell == name or suffix_unit(cell, name) is not None]
+        if not cells and name not in columns:
+            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, [split_header(cell)[0] for cell in header if cell]))
+        for cell in cells if not any(split_header(cell)[0] == name or cell == name for cell in cells) else ():
+            raise RecordError(f"column {cell!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
+        said = next((told for cell in cells if split_header(cell)[0] == name and (told := split_header(cell)[1])), unit)
+        if said != unit:
+            raise RecordError(f"column {name!r} is in {said}, as its header says, not in {unit}", where=where, remedy="leave one of the two out")
+
+
+def _found(file: RecordFile, name: str) -> Found | None:
+    try:
+        return find_column(name, file.table.header, file.table.file, file.choices, file.sidecar.units)
+    except RecordError:
+        return None
+
+
+def _channel(file: RecordFile, name: str) -> np.ndarray:
+    return read_record(file, (), (name,)).outputs[0].with_gaps()
+
+
+def _raw(file: RecordFile, index: int) -> np.ndarray:
+    return numbers(file.table.columns[index]).values
+
+
+def _numeric(file: RecordFile, index: int) -> bool:
+    found = numbers(file.table.columns[index])
+    return not found.texts and bool(np.isfinite(found.values).any())

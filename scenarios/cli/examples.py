@@ -1,0 +1,67 @@
+"""Examples of every command, as the help shows them and a test runs them, one after the other in an empty folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+# What is typed, and what it does. The order is that in which they run: later ones take files that earlier ones wrote.
+EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "list": (
+        ("flightid list", "what there is to run"),
+        ("flightid list rigid > mine.toml", "the file of a scenario, to copy and edit"),
+    ),
+    "run": (
+        ("flightid run rigid", "simulate, identify, compare with the truth"),
+        ("flightid run mine.toml --seed 3 --set flight.rate=50 --out study", "an edited copy, with another seed and sampling, into a folder"),
+        ("flightid run mine.toml rigid --out studies", "several, each into a folder of its own"),
+    ),
+    "compare": (("flightid compare study studies/rigid", "studies side by side, from their folders"),),
+    "simulate": (
+        ("flightid simulate rigid --seed 3 --out rigid.csv", "a record as a flight test would hand it over"),
+        ("flightid simulate trace-vane --out flight.csv", "two records with something hidden in them, and a vehicle file"),
+    ),
+    "campaign": (
+        ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
+        ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
+    ),
+    "identify": (
+        ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --out fit", "parameters of a model from a record"),
+        (
+            "flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --validate flight_validate.csv --from 1 --to 9",
+            "from a part of it, and what that predicts of another",
+        ),
+        ("flightid identify flight.csv --model rigid --vehicle flight_vehicle.toml --json > fit.json", "for a program that reads on"),
+    ),
+    "diagnose": (
+        (
+            "flightid diagnose flight.csv --model rigid --vehicle flight_vehicle.toml --validate flight_validate.csv --out cause",
+            "what the model lacks, and the error before and after on another record",
+        ),
+    ),
+    "predict": (
+        ("flightid predict fit flight_validate.csv", "the model of a study on a record that it has not seen"),
+        ("flightid predict cause flight_validate.csv --out prediction", "with the effects that were claimed, into a folder"),
+    ),
+    "check": (("flightid check flight.csv --vehicle flight_vehicle.toml", "what the kinematics alone say of the sensors"),),
+    "watch": (
+        ("flightid simulate x29-simulation --out stream.csv", "a record of the closed loop, which stands for a stream"),
+        ("flightid watch stream.csv --model loes --until-end --no-refine", "identified row by row"),
+    ),
+    "models": (
+        ("flightid models", "the models that there are"),
+        ("flightid models --example > my_model.py", "the file of a model of one's own, to copy and edit"),
+        ("flightid models my_model.py", "what it declares, checked"),
+    ),
+    "vehicles": (
+        ("flightid vehicles bomber_rigid", "every number with unit and origin"),
+        ("flightid vehicles bomber_ac2 --diff bomber_ac1", "what differs from another vehicle"),
+    ),
+    "lab": (("flightid lab", "the labs that there are"), ("flightid lab 1 --key", "the instructor's key of one")),
+    "effects": (("flightid effects vane-offset", "one effect, explained"),),
+}
+
+
+def examples_text(command: str) -> str:
+    """The examples of a command as its help ends with them; empty where there are none."""
+    lines = [line for typed, does in EXAMPLES.get(command, ()) for line in (f"  {typed}", f"      {does}")]
+    return "\n".join(["Examples:", *lines]) if lines else ""

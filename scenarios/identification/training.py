@@ -1,0 +1,15 @@
+"""What an estimate leaves for the prediction of other records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ident.tracing.diagnosis import Trained
+from ident.whole_record.layout import FitSettings
+from sim.declaration.system import System
+
+
+def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
+    """What a free simulation of another record takes from an estimate: ``values`` where they are given, else what the system holds."""
+    known = {item.name: item.value for item in system.parameters if not item.name.startswith("bias_")}
+    return Trained((), system.output_names, {name: float(values.get(name, value)) for name, value in known.items()}, (), settings)

@@ -1,0 +1,187 @@
+"""The model that a study keeps, on another record: parameters and effects frozen, initial states, gauge biases and events fitted."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ident.tracing.diagnosis import ErrorFigures
+from ident.tracing.prediction import predict
+from scenarios.diagnosis.candidates import read_effects
+from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.files.channels import read_channel_map
+from scenarios.files.measured.record_file import read_record_file
+from scenarios.files.own_models import channel_units
+from scenarios.files.sources import InputFile, read_source
+from scenarios.files.vehicles import VehicleFile, read_vehicle
+from scenarios.identification.assessment.prediction import record_fits
+from scenarios.identification.gravity import PATH, with_weight
+from scenarios.kept.kept_model import DIAGNOSE, KeptFile, KeptModel, read_kept
+from scenarios.preparation.plan import ATTITUDE, Plan
+from scenarios.preparation.plausibility import refuse_unpredictable
+from scenarios.preparation.reading import Decided, Prepared, prepare
+from scenarios.preparation.vehicle_model import model_of_file
+from sim.declaration.compile import compile_model
+from sim.declaration.model import Model, Noise
+from sim.declaration.proposal import Traceable
+from sim.errors import DeclarationError, RecordError
+from sim.record import Hold, Record
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a prediction is asked: a study folder, a record and how its columns are named; ``model`` and ``effects`` are a user's files, run."""
+
+    study: Path
+    record: Path
+    channels: Path | None = None
+    plan: Plan = field(default_factory=Plan)
+    model: Path | None = None
+    effects: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors; None where it left all measure."""
+
+    rows: np.ndarray
+    figures: ErrorFigures | None
+
+    def fit_percent(self, channel: str) -> float:
+        """100 (1 - rms error over the spread of the measurement)."""
+        assert self.figures is not None
+        return 100.0 * (1.0 - self.figures.nrmse[channel])
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a diagnosis, as declared."""
+
+    study: Path
+    kept: KeptModel
+    vehicle: str
+    record: Record
+    source: InputFile
+    channels: tuple[str, ...]
+    after: Simulation
+    before: Simulation | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def predict_record(asked: Asked) -> Prediction:
+    """Read the study's model and the record, and simulate.
+
+    Raises
+    ------
+    DeclarationError : the folder keeps no model; a file of the user's that it rests on is not named, or is another one.
+    RecordError : anything in the record that keeps it from being used.
+    """
+    file = read_kept(asked.study)
+    vehicle = _vehicle(file, asked.model)
+    model = model_of_file(vehicle)
+    kept = file.model(_own_effects(file, asked.effects, model))
+    source = read_record_file(asked.record)
+    known = channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
+    choices = read_channel_map(asked.channels, known) if asked.channels is not None else None
+    reading, plan = kept.reading, _plan(kept, asked.plan)
+    model = model.with_noise(Noise()) if kept.made_by == DIAGNOSE else model
+    decided = Decided(Hold(reading.hold), reading.weight)
+    ready = prepare([source], model, plan, choices, flow=reading.flow, attitude=reading.attitude, decided=decided)
+    record, declared = ready.fitted[0], ready.model
+    _refuse_without_attitude(kept, declared, record)
+    refuse_unpredictable([record], declared)
+    channels = tuple(name for name in kept.after.outputs if name in record.output_names)
+    if not channels:
+        remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
+        raise RecordError("it has none of the study's outputs", where=str(asked.record), remedy=remedy)
+    before, after = (_by_diagnosis if kept.made_by == DIAGNOSE else _by_identification)(kept, declared, record)
+    return Prediction(asked.study, kept, vehicle.name, record, source.identity, channels, after, before, ready.notes, _warnings(ready))
+
+
+def _by_identification(kept: KeptModel, declared: Model, record: Record) -> tuple[None, Simulation]:
+    """As ``identify --validate`` predicts."""
+    model = with_weight(declared) if kept.weighed else declared
+    system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
+    (fit,) = record_fits([], [record], system, kept.after.shared, kept.after.settings, [PATH])
+    at = [fit.outputs.index(name) for name in fit.outputs if name in record.output_names]
+    return None, Simulation(fit.simulated[at], fit.figures)
+
+
+def _by_diagnosis(kept: KeptModel, declared: Model, record: Record) -> tuple[Simulation, Simulation]:
+    """As ``diagnose --validate`` predicts."""
+    assert kept.before is not None
+    found = predict(kept.before, kept.after, declared.with_biases(kept.biases), record, kept.spiked)
+    rows = found.prediction
+    return Simulation(rows.before, found.before), Simulation(rows.after, found.after if found.finite else None)
+
+
+def _vehicle(file: KeptFile, model: Path | None) -> VehicleFile:
+    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is named again."""
+    own, text = file.file("model_file"), file.content["vehicle_text"]
+    chosen = file.content["model"]
+    if own is not None:
+        if model is None:
+            what = f"the study's model is that of {own.name}, a file of a user's own, which is run only when it is named"
+            raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
+        chosen = _same(model, own, "--model")
+    elif model is not None:
+        raise DeclarationError(f"the study's model is {chosen}, which is built in", where="--model", remedy="leave it out")
+    if not text:
+        return read_vehicle(None, chosen)
+    with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
+        entry = file.file("vehicle")
+        path = Path(folder) / (entry.name if entry is not None else "vehicle.toml")
+        path.write_text(text, encoding="utf-8")
+        return read_vehicle(path, chosen)
+
+
+def _own_effects(file: KeptFile, effects: Path | None, model: Model) -> Sequence[Traceable]:
+    known = file.file("effects_file")
+    if effects is None:
+        return ()
+    if known is None:
+        raise DeclarationError("the study was made without effects of one's own", where="--effects", remedy="leave it out")
+    return read_effects(_same(effects, known, "--effects"), model)
+
+
+def _same(path: Path, known: InputFile, option: str) -> str:
+    """The path of a user's file; refused where it is not the one that the study was made with, to the byte."""
+    if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
+        what = f"{path} is not the {known.name} that the study was made with"
+        raise DeclarationError(what, where=option, remedy="name that file as it was, or run the study again")
+    return str(path)
+
+
+def _plan(kept: KeptModel, asked: Plan) -> Plan:
+    """The study's preparation, and of the record the part that is asked."""
+    reading = kept.reading
+    hold = Hold(reading.hold) if reading.by_hand else None
+    return Plan(asked.segments, hold, reading.rate or None, reading.lowpass or None, reading.trusted or asked.trusted)
+
+
+def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -> None:
+    """A model that takes the pitch attitude from the record needs one there."""
+    takes = kept.weighed or any(getattr(effect, "attitude_recorded", False) for effect in kept.after.effects)
+    if takes and ATTITUDE not in {signal.name for signal in declared.equations.inputs}:
+        what = "it has no theta, which the study's model takes as it is recorded"
+        raise RecordError(what, where=record.name, remedy="give a record with theta, or make the study without it")
+
+
+def _warnings(ready: Prepared) -> tuple[str, ...]:
+    return (*ready.doubts, *ready.look.set_aside)
+
+
+def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
+    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the simulation left all measure."""
+    f = simulation.figures
+    if f is None:
+        return {}
+    return {
+        name: {"rms_error": error, "fit_percent": simulation.fit_percent(name), "r2": f.r2[name], "theil": f.theil[name]}
+        for name, error in f.rmse.items()
+    }

@@ -1,0 +1,41 @@
+"""A prediction in lines for the terminal."""
+
+from __future__ import annotations
+
+from ident.tracing.diagnosis import Quantity
+from scenarios.kept.kept_model import DIAGNOSE
+from scenarios.prediction.predict import Prediction, Simulation
+from scenarios.terminal.paragraphs import WIDTH, wrapped
+from scenarios.terminal.quantities import displayed
+from scenarios.terminal.tables import columns_of, table_lines
+
+
+def prediction_text(found: Prediction, width: int = WIDTH) -> str:
+    """What was predicted with which model, warnings, and the errors channel by channel."""
+    record, kept = found.record, found.kept
+    effects = [effect.name for effect in kept.after.effects]
+    of = f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (f" with {' and '.join(effects)}" if effects else "")
+    lines = wrapped(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {of} ({found.study})", width)
+    for warning in found.warnings:
+        lines += wrapped(f"warning: {warning}", width)
+    if kept.made_by == DIAGNOSE and effects and not kept.claimed:
+        lines += wrapped("the effects are hints: the study claimed none of them", width)
+    rows = [*(_rows(found, found.before, "as declared") if found.before is not None and effects else []), *_rows(found, found.after, "predicted")]
+    headings = ("", "channel", "rms error", "fit %", "R2", "Theil")
+    title = "free simulation: initial states and biases alone are of the record itself"
+    lines += table_lines(columns_of(headings, rows, left=2), title=title, width=width, keys=2)
+    for note in found.notes:
+        lines += wrapped(f"note: {note}", width)
+    return "\n".join(lines) + "\n"
+
+
+def _rows(found: Prediction, simulation: Simulation, word: str) -> list[tuple[str, ...]]:
+    f = simulation.figures
+    if f is None:
+        return [(word, "-", "no finite simulation", "", "", "")]
+    rows: list[tuple[str, ...]] = []
+    for name, error in f.rmse.items():
+        value, _, unit = displayed(Quantity(error, 0.0, found.record[name].unit))
+        shown = f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
+        rows.append((word, name, shown, f"{simulation.fit_percent(name):.1f}", f"{f.r2[name]:.4f}", f"{f.theil[name]:.3f}"))
+    return rows

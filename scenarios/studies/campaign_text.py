@@ -1,0 +1,99 @@
+"""A Monte-Carlo campaign printed and written."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
+from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
+from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.report.campaign import campaign_page
+from scenarios.terminal.numbers import console, number
+from scenarios.terminal.summary import BELOW, Summary, print_summary
+from scenarios.terminal.tables import Column, print_table
+
+
+def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW) -> None:
+    """A summary, the table of all parameters, and how many runs broke down."""
+    terminal = out or console()
+    seeds = campaign.seeds
+    title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
+    spreads = (*campaign.spreads, campaign.pooled)
+    sizes = [
+        Column("parameter", [s.name for s in spreads], left=True),
+        Column("unit", [s.unit for s in spreads], left=True),
+        Column("reference", [f"{s.reference:.5g}" for s in spreads]),
+        Column("bias", [number(s.bias, s.scatter) for s in spreads]),
+        Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
+        Column("reported", [number(s.reported, s.reported) for s in spreads]),
+    ]
+    shares = [
+        Column("within 2 sigma", [f"{100 * s.within_two:.1f} %" for s in spreads]),
+        Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
+        Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
+    ]
+    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled" + (f", {campaign.broken} broke down" if campaign.broken else "")
+    low, high = (100 * edge for edge in campaign.pooled.interval)
+    inside = f"within 2 sigma {100 * campaign.pooled.within_two:.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
+    print_summary(terminal, Summary(title, settled, f"{inside}, within 1 sigma {100 * campaign.pooled.within_one:.1f} %", details=details))
+    print_table(terminal, title, [*sizes, *shares])
+    if campaign.broken:
+        terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
+
+
+def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``campaign.json``, ``estimates.csv``, the figure ``campaign`` and the page into the folder ``out``, whole or not at all; returns it."""
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column for name in campaign.names for column in (name, f"std_{name}")])
+        for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
+            writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
+        (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.studies.figures import campaign_figures
+
+            drawn = drawn_for_page(campaign_figures(campaign), scratch, figures)
+        write_page(scratch, campaign_page(campaign, drawn))
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": campaign.scenario.name,
+            "method": campaign.estimation.name,
+            "first_seed": campaign.seeds[0],
+            "runs": len(campaign.seeds),
+            **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
+            "broken": campaign.broken,
+            "parameters": {s.name: _spread(s) for s in campaign.spreads},
+            "pooled": {
+                "within_one_sigma": campaign.pooled.within_one,
+                "within_two_sigma": campaign.pooled.within_two,
+                "interval": list(campaign.pooled.interval),
+            },
+            "versions": versions(),
+        }
+        write_json(scratch / "campaign.json", content)
+    return out
+
+
+def _spread(s: Spread) -> dict[str, Any]:
+    return {
+        "unit": s.unit,
+        "reference": s.reference,
+        "bias": s.bias,
+        "scatter": s.scatter,
+        "reported_std": s.reported,
+        "within_one_sigma": s.within_one,
+        "within_two_sigma": s.within_two,
+        "interval": list(s.interval),
+    }

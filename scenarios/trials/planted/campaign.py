@@ -1,0 +1,85 @@
+"""Many flights of one tracing scenario: how often the verdict is the expected one, what is hidden is named, and something false is claimed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.trials.many import of_each_seed
+from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted.study import Grade, TraceStudy, run_trace
+from scenarios.trials.scoring import Share, same_fault, share_of_flights, share_within_flights
+
+SIGMAS = 2.0
+
+
+@dataclass(frozen=True)
+class TraceJudged:
+    """One flight of a tracing scenario.
+
+    ``claimed`` : claims with their alternatives, ``"a/b"``. ``named`` : each hidden effect that the library has, and whether a claim names it,
+    ``alone`` those that are named without an alternative. ``false`` : claims behind which nothing true stands. ``inside`` : of each derivative
+    whether its interval of two sigmas, with what was claimed, holds the truth.
+    """
+
+    seed: int
+    verdict: str
+    grade: Grade
+    claimed: tuple[str, ...]
+    named: tuple[tuple[str, bool], ...]
+    alone: tuple[str, ...]
+    false: tuple[str, ...]
+    inside: tuple[tuple[str, bool], ...]
+
+
+def judge_trace(scenario: TraceScenario, seed: int) -> TraceJudged:
+    """Fly and diagnose one flight, and hold it against what was hidden."""
+    return judged_of(run_trace(scenario, seed))
+
+
+def judged_of(study: TraceStudy) -> TraceJudged:
+    """A tracing study held against its truth: what its scenario accepts as an answer is none that is false."""
+    claims = [claim for claim in study.tracing.diagnosis.effects if claim.claimed]
+    accepted = {name for names in study.scenario.expect.effects for name in names}
+    hidden = [name for name in study.flown.hidden if name in accepted] or ([*study.scenario.expect.effects[0]] if accepted else [])
+    true = frozenset().union(*(same_fault(name) for name in {*accepted, *study.flown.hidden}))
+    return TraceJudged(
+        study.seed,
+        study.tracing.diagnosis.verdict.value,
+        study.grade,
+        tuple("/".join(_group(claim)) for claim in claims),
+        tuple((name, any(same_fault(name) & {*_group(claim)} for claim in claims)) for name in hidden),
+        tuple(name for name in hidden if any(claim.name in same_fault(name) and not claim.alternatives for claim in claims)),
+        tuple("/".join(_group(claim)) for claim in claims if not true & {*_group(claim)}),
+        tuple((row.name, abs(row.sigmas) < SIGMAS) for row in study.derivatives),
+    )
+
+
+def fly_trace_campaign(
+    scenario: TraceScenario, seeds: range, progress: Callable[[str, float], None] = lambda stage, share: None, workers: int = 1
+) -> tuple[TraceJudged, ...]:
+    """Flights of all seeds, shared out among ``workers`` processes; the result does not depend on their number."""
+    return of_each_seed(partial(judge_trace, scenario), seeds, progress, workers)
+
+
+def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
+    """The share of each verdict."""
+    return {verdict.value: share_of_flights(flight.verdict == verdict.value for flight in judged) for verdict in Verdict}
+
+
+def trace_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:
+    """The shares that a campaign is for, by their names in ``campaign.json``."""
+    return {
+        "expected": share_of_flights(flight.grade is Grade.RIGHT for flight in judged),
+        "expected_or_alternative": share_of_flights(flight.grade in (Grade.RIGHT, Grade.AMBIGUOUS) for flight in judged),
+        "named": share_within_flights([hit for _, hit in flight.named] for flight in judged),
+        "named_alone": share_within_flights([name in flight.alone for name, _ in flight.named] for flight in judged),
+        "false_claims": share_of_flights(bool(flight.false) for flight in judged),
+        "within_two_sigma": share_within_flights([hit for _, hit in flight.inside] for flight in judged),
+    }
+
+
+def _group(claim: Claim) -> tuple[str, ...]:
+    return claim.name, *claim.alternatives

@@ -1,0 +1,70 @@
+"""A campaign of a tracing scenario in tables, and as files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.folders import study_folder
+from scenarios.files.versions import versions
+from scenarios.files.writing import write_json
+from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.trials.planted.campaign import TraceJudged, trace_shares, verdict_shares
+from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.scoring import Share
+
+_LABELS = {
+    "expected": "flights with the expected answer",
+    "expected_or_alternative": "the same, one name among its alternatives",
+    "named": "hidden effects named, alone or in a group",
+    "named_alone": "hidden effects named alone",
+    "false_claims": "flights with a claim that nothing true stands behind",
+    "within_two_sigma": "derivatives within two sigmas of the truth",
+}
+
+
+def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str) -> str:
+    """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
+    expected = " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
+    blocks = [
+        [f"{scenario.name}: {len(judged)} flights, {seeds}", f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"],
+        _table("verdict", "flights", [(name, *_share(share)) for name, share in verdict_shares(judged).items()]),
+        _table("share", "count", [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of]),
+        [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false],
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def _table(what: str, number: str, rows: Sequence[tuple[str, ...]]) -> list[str]:
+    return table_lines(columns_of((what, number, "percent", "95 % interval"), rows))
+
+
+def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged], out: str | Path, flown: Mapping[str, Any]) -> Path:
+    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
+    with study_folder(out, "campaign.json") as scratch:
+        text = io.StringIO(newline="")
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["seed", "verdict", "grade", "said", "hidden", "named", "false_claims"])
+        for flight in judged:
+            lists = (flight.claimed, [name for name, _ in flight.named], [name for name, hit in flight.named if hit], flight.false)
+            writer.writerow([flight.seed, flight.verdict, flight.grade.name.lower(), *(" + ".join(names) for names in lists)])
+        (scratch / "flights.csv").write_text(text.getvalue(), encoding="utf-8")
+        shares = {**{f"verdict.{name}": share for name, share in verdict_shares(judged).items()}, **trace_shares(judged)}
+        content = {
+            "schema": "flightid/campaign/1",
+            "scenario": scenario.name,
+            **flown,
+            "expected": {"verdicts": list(scenario.expect.verdicts), "effects": [list(names) for names in scenario.expect.effects]},
+            "shares": {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares.items() if share.of},
+            "versions": versions(),
+        }
+        write_json(scratch / "campaign.json", content)
+    return Path(out)
+
+
+def _share(share: Share) -> tuple[str, str, str]:
+    low, high = share.interval
+    return f"{share.count} of {share.of}", f"{100.0 * share.count / share.of:.1f} %", f"{100.0 * low:.1f} to {100.0 * high:.1f} %"

@@ -1,0 +1,100 @@
+"""Ctrl-C as a terminal sends it, to all processes of a command: one line says what is kept, the exit code is 130, nothing is half written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from scenarios.files.folders import study_folder
+
+ROOT = Path(__file__).parents[3]
+PATIENCE = 25.0  # s, on the busiest machine; the flights below would take a minute
+
+# Flights of which the first two end at once and the others take a minute; the file says that one of these has begun.
+CAMPAIGN = """
+import time, pathlib, sys
+from scenarios.cli import main
+from scenarios.trials.planted import campaign
+from scenarios.trials.planted.study import Grade
+
+def judged(scenario, seed):
+    if seed > 2:
+        time.sleep(1.0)
+        pathlib.Path("begun").write_text("")
+        time.sleep(60)
+    return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), ())
+
+campaign.judge_trace = judged
+main(sys.argv[1:])
+"""
+# The second study never ends.
+STUDIES = """
+import time, pathlib, sys
+from scenarios.cli import main
+from scenarios.trials.planted import study
+
+def fly(*_):
+    pathlib.Path("begun").write_text("")
+    time.sleep(60)
+
+study.fly_trace = fly
+main(sys.argv[1:])
+"""
+
+
+def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:
+    """Run a command in a session of its own, send Ctrl-C to all of it when it has ``begun``; exit code and the two streams."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    command = [sys.executable, "-c", code, *arguments]
+    with subprocess.Popen(command, env=environment, cwd=folder, text=True, start_new_session=True, **pipes) as running:  # type: ignore[call-overload]
+        begin = time.monotonic()
+        while not (folder / "begun").exists():
+            assert running.poll() is None and time.monotonic() - begin < 60.0, running.communicate()
+            time.sleep(0.05)
+        os.killpg(running.pid, signal.SIGINT)
+        out, err = running.communicate(timeout=PATIENCE)
+    with pytest.raises(ProcessLookupError):
+        os.killpg(running.pid, 0)  # no worker is left
+    return running.returncode, out, err
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
+def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path) -> None:
+    code, out, err = stopped(CAMPAIGN, tmp_path, "campaign", "trace-vane", "--runs", "9", "--seed", "1", "--out", "kept")
+    assert (code, err) == (130, "flightid: stopped; the table of the 2 of 9 runs that had ended is in kept\n")
+    assert "stopped after 2 of 9, seeds 1, 2" in out
+    content = json.loads((tmp_path / "kept" / "campaign.json").read_text())
+    assert (content["runs"], content["asked"], content["seeds"]) == (2, 9, [1, 2])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "kept"]
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
+def test_finished_studies_stay_and_the_one_on_its_way_leaves_nothing(tmp_path: Path) -> None:
+    code, out, err = stopped(STUDIES, tmp_path, "run", "ballistic", "trace-vane", "--out", "kept", "--no-figures")
+    assert (code, err) == (130, "flightid: stopped; 1 of 2 studies are finished: kept/ballistic\n")
+    assert "written to kept/ballistic" in out
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["ballistic"]
+    assert (tmp_path / "kept" / "ballistic" / "comparison.json").is_file()
+
+
+def test_ctrl_c_while_files_are_put_in_place_waits_until_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    move = os.replace
+
+    def with_signal(source: Path, target: Path) -> None:
+        signal.raise_signal(signal.SIGINT)
+        move(source, target)
+
+    with pytest.raises(KeyboardInterrupt, match=r"the study in .*study is whole"), study_folder(tmp_path / "study", "study.json") as scratch:
+        (scratch / "table.csv").write_text("1\n")
+        (scratch / "study.json").write_text('{"schema": "flightid/study/1"}')
+        monkeypatch.setattr(os, "replace", with_signal)
+    assert json.loads((tmp_path / "study" / "study.json").read_text())["files"] == ["study.json", "table.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study"]
