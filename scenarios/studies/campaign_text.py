@@ -17,6 +17,7 @@ from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.report.campaign import campaign_page
+from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
@@ -30,7 +31,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     spreads = (*campaign.spreads, campaign.pooled)
     sizes = [
         Column("parameter", [s.name for s in spreads], left=True),
-        Column("unit", [s.unit for s in spreads], left=True),
+        Column("unit", [unit_cell(s.unit) for s in spreads], left=True),
         Column("reference", [f"{s.reference:.5g}" for s in spreads]),
         Column("bias", [number(s.bias, s.scatter) for s in spreads]),
         Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
@@ -41,10 +42,10 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
-    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled" + (f", {campaign.broken} broke down" if campaign.broken else "")
-    low, high = (100 * edge for edge in campaign.pooled.interval)
-    inside = f"within 2 sigma {100 * campaign.pooled.within_two:.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
-    print_summary(terminal, Summary(title, settled, f"{inside}, within 1 sigma {100 * campaign.pooled.within_one:.1f} %", details=details))
+    pooled, low_high = campaign.pooled, " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval)
+    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled"
+    result = f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 sigma {100 * pooled.within_one:.1f} %"
+    print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")

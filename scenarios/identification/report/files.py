@@ -17,7 +17,7 @@ from scenarios.identification.assessment.content import constraints_content, fit
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
 from scenarios.identification.keeping import kept_identification
-from scenarios.identification.noise import estimated_noise
+from scenarios.identification.report.noise import estimated_noise
 from scenarios.identification.report.page import identification_page
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept
@@ -55,7 +55,7 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
             from scenarios.plots.page.drawing import drawn_for_page
 
             data = SIMULATED_DATA if made else MEASURED_DATA
-            drawn = drawn_for_page(identification_figures(found, measured[0], data), scratch, figures)
+            drawn = drawn_for_page(identification_figures(found, measured[0], data, estimated_noise(found)), scratch, figures)
         fitted, predicted = identities(identified.files), identities(identified.validation)
         write_page(scratch, identification_page(found, identified.flown, fitted, predicted, drawn))
         write_json(scratch / MAIN, identification_content(found, fitted, identified.flown, predicted))
