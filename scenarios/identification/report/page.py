@@ -10,17 +10,18 @@ from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.sources import InputFile
 from scenarios.identification.assessment.text import FITS, INTERVALS, PROFILED, SIMULATED, bound_lines, fit_rows, interval_rows, interval_sentences
 from scenarios.identification.input_reading import reading_rows
+from scenarios.identification.report.noise import noise_phrase
+from scenarios.identification.report.text import identification_summary
 from scenarios.identification.result import Identification
 from scenarios.pages.folder import figures
 from scenarios.pages.model import Block, Bullets, Page, Prose, section
 from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
-from scenarios.pages.wording import capital, sentence
+from scenarios.pages.wording import capital, sentence, summary_sentences
 from scenarios.plots.page.named import Drawn
 from scenarios.preparation.record_words import record_table
 from scenarios.terminal.flying_qualities import levels_line
-from scenarios.terminal.numbers import derived_line, test_line
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
@@ -43,7 +44,7 @@ def identification_page(
         verdict=estimate.outcome.value.partition(":")[0].partition(",")[0],
         tone="open" if not settled else "good" if white and not found.cautions else "fair",
         sentence=sentence(f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")),
-        summary=tuple(sentence(line) for line in (derived_line(found.derived), test_line(found.tests)) if line),
+        summary=summary_sentences(identification_summary(found)),
         warnings=tuple(map(sentence, (*found.doubts, *found.cautions, *reading))),
         sections=(
             *section("What was found", *_found(found, flown)),
@@ -79,7 +80,8 @@ def _evidence(found: Identification) -> list[Block]:
     units = {channel.name: channel.unit for record in (found.record, *found.others) for channel in record.outputs}
     noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
     blocks: list[Block] = [tests_table("Residual tests", found.tests)] if found.tests else []
-    return [*blocks, levels_of_noise("Residual, one sigma", noise)]
+    phrase = noise_phrase(found)
+    return [*blocks, levels_of_noise("Residual, one sigma", noise), *([Prose(sentence(phrase))] if phrase else [])]
 
 
 def _made(found: Identification) -> list[Block]:

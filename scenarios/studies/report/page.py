@@ -10,7 +10,7 @@ from scenarios.pages.model import Block, Bullets, Page, Prose, Section, section
 from scenarios.pages.printed import printed_blocks
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
-from scenarios.pages.wording import capital, sentence
+from scenarios.pages.wording import capital, sentence, summary_sentences
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.departures import choice_lines, other_flight_line, vehicle_line
 from scenarios.studies.determination.text import print_determination
@@ -20,9 +20,9 @@ from scenarios.studies.report.scattered import scattered_blocks
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.text import print_sweep
-from scenarios.studies.text import with_display
+from scenarios.studies.text import study_summary, with_display
 from scenarios.terminal.flying_qualities import levels_line
-from scenarios.terminal.numbers import derived_line, test_line
+from scenarios.terminal.numbers import test_line
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth
@@ -41,7 +41,7 @@ def study_page(study: Study, drawn: Sequence[Drawn] = ()) -> Page:
         verdict=outcome.value.partition(":")[0].partition(",")[0],
         tone=tone,
         sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
-        summary=tuple(sentence(line) for line in (derived_line(main.derived), test_line(main.tests)) if line),
+        summary=summary_sentences(study_summary(study)),
         warnings=tuple(sentence(line) for line in (main.result.estimate.message,) if line),
         sections=(
             *section("What was found", *_found(study, main)),
