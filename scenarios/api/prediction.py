@@ -15,6 +15,7 @@ from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
 from scenarios.files.channel_names import TIME
+from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
 
@@ -79,7 +80,6 @@ class Prediction:
 
     def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the prediction as the command does with ``--out``; returns the folder."""
-        from scenarios.plots.formats import formats_wanted
         from scenarios.prediction.files import write_prediction
 
         return write_prediction(self.details, Path(folder), figures=formats_wanted(figures))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -21,18 +22,17 @@ from sim.record import Record
 
 
 def identification_figures(
-    found: Identification, measured: Record, data: str = MEASURED_DATA, sensor_noise: Mapping[str, float] | None = None
+    found: Identification, measured: Record, data: str = MEASURED_DATA, sensor_noise: Mapping[str, float] = MappingProxyType({})
 ) -> Iterator[Named]:
     """The figures of an identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded.
 
-    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than it; bands are drawn with it.
+    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
     """
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
     yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
-    # Bands are those of the sensors: what a coloured residual holds besides is no noise.
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    sensors = {**noise, **(sensor_noise or {})}
+    sensors = {**noise, **sensor_noise}
     yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data)
     yield from other_records(found, sensors, data)
     if found.band is not None and found.fits[0].figures is not None:

@@ -39,6 +39,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     from scenarios.terminal.summary import details_in
     from scenarios.trials.standin.campaign import fly_standin_campaign
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
+    from scenarios.trials.standin.page import campaign_page
     from scenarios.trials.standin.schema import standin_of
     from scenarios.trials.stopping import flown, stopped_after
 
@@ -49,5 +50,5 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     with stopped_after(len(done.seeds), runs, out):
         print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out, "campaign.json")), end="")
         if out is not None:
-            write_campaign(standin, done.found, out, done.content)
+            write_campaign(standin, done.found, out, done.content, campaign_page(standin, done.found, done.words))
             print(f"written to {out}")
