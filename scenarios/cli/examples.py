@@ -42,6 +42,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid predict fit flight_validate.csv", "the model of a study on a record that it has not seen"),
         ("flightid predict cause flight_validate.csv --out prediction", "with the effects that were claimed, into a folder"),
     ),
+    "report": (("flightid report study cause", "the pages of study folders again, with nothing computed"),),
     "check": (("flightid check flight.csv --vehicle flight_vehicle.toml", "what the kinematics alone say of the sensors"),),
     "watch": (
         ("flightid simulate x29-simulation --out stream.csv", "a record of the closed loop, which stands for a stream"),
