@@ -188,10 +188,8 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
     assert session.bank is not None
     record, last = record_of(session), state.rows_seen
     if last - session.first > RELINEARISED_ROWS:
-        begun = session.refined is not None
-        session.first = (
-            steadiest(record, last - RELINEARISED_ROWS, last - RELINEARISED_ROWS // 2) if begun else onset(record, last - RELINEARISED_ROWS)
-        )
+        earliest = last - RELINEARISED_ROWS
+        session.first = onset(record, earliest) if session.refined is None else steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
     first = session.first
     record = less(record.window(float(record.time[first]), state.time), session.offsets)
     system = filter_system(record, session.vehicle, noise_levels(record))
