@@ -6,19 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.diagnosis.report.figure_process import figure_process
+from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
     from scenarios.preparation.request import Request
 
 
-def diagnose_records(request: Request, out: Path | None, figures: bool, *, progress: bool = True) -> None:
+def diagnose_records(request: Request, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
     """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it is."""
-    with figure_process(figures and out is not None) as process, progress_bar(progress, counted=False) as tell:
+    with figure_process(bool(figures) and out is not None) as process, progress_bar(progress, counted=False) as tell:
         # Loaded while the second process already starts.
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text
         from scenarios.terminal.paragraphs import terminal_width
+        from scenarios.terminal.summary import details_in
 
         tracing = diagnose_files(request, tell)
         if out is not None:
@@ -26,7 +28,7 @@ def diagnose_records(request: Request, out: Path | None, figures: bool, *, progr
 
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, process=process)
-    print(diagnosis_text(tracing, terminal_width()))
+    print(diagnosis_text(tracing, terminal_width(), details_in(out, "report.html")))
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
     if stages:
         print(f"seconds: {stages}")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.identification.result import PLAIN, Options
+from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
 
 ALL = "all"  # of --profile: every parameter
@@ -17,12 +18,15 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, 
     return Options(names, band, engine)
 
 
-def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:
+def identify_records(
+    request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None
+) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import path_of
     from scenarios.identification.from_files import identify_files
     from scenarios.identification.report.text import print_identification
     from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
+    from scenarios.terminal.summary import details_in
 
     if matrices is not None:
         ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
@@ -34,7 +38,7 @@ def identify_records(request: Request, method: str, out: Path | None, figures: b
         from scenarios.identification.report.files import write_identification
 
         write_identification(identified, out, figures=figures)
-    print_identification(identified.found, identified.flown)
+    print_identification(identified.found, identified.flown, details=details_in(out, "comparison.json"))
     if matrices is not None and space is not None:
         write_state_space(space, matrices)
         print(f"matrices written to {matrices}")

@@ -10,8 +10,10 @@ from ident.compatibility.faults import PACKAGE, VANES
 from ident.compatibility.result import CheckResult, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
 from scenarios.preparation.record_words import record_lines
+from scenarios.terminal.display_units import shown_in, spaced, unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
 
 WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{} reads {} times the true value", "drift": "{} drifts by {}"} | {
@@ -20,10 +22,11 @@ WORDS = {"delay": "{} is late by {} s", "lag": "{} lags with {} s", "scale": "{}
 PLACES = {"arm": "ahead of", "arm-right": "to the right of", "arm-below": "below"}
 
 
-def print_check(check: Check, out: Console | None = None) -> None:
-    """Print a check: the estimates of all records together, those of the others where they differ, findings, limits."""
+def print_check(check: Check, out: Console | None = None, details: str = BELOW) -> None:
+    """Print a check: a summary, the estimates of all records together, those of the others where they differ, findings, limits."""
     out = out or console()
     result = check.result
+    print_summary(out, check_summary(check, details))
     for record in check.records:
         print_paragraph(out, f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s", indent=0)
     for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
@@ -31,11 +34,10 @@ def print_check(check: Check, out: Console | None = None) -> None:
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:
-        _print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
         if len(check.records) > 1:
-            _print_by_record(out, result.single, result.joint)
-        noise = ", ".join(f"{name} {std:.3g} {_unit(check, name)}" for name, std in result.joint.noise_std.items())
-        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {noise}")
+            print_by_record(out, result.single, result.joint)
+        print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}")
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
     if result.cannot_tell:
@@ -44,6 +46,27 @@ def print_check(check: Check, out: Console | None = None) -> None:
             print_paragraph(out, line)
     for line in (*check.notes, *result.notes):
         print_paragraph(out, f"note: {line}", indent=0)
+
+
+def check_summary(check: Check, details: str = BELOW) -> Summary:
+    """Records and relations, what stands, by how much, and the noise that is left."""
+    result, lines = check.result, finding_lines(check)
+    samples = sum(len(record) for record in check.records)
+    standing = {finding.name: finding for finding in result.findings if finding.stands}
+    told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
+    named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"
+    checked = f"kinematics of {', '.join(result.relations)}" if result.relations else "the channels close no relation"
+    return Summary(
+        f"{named}, {samples} samples; {checked}",
+        f"stands: {', '.join(standing)}" if standing else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
+        "; ".join(told),
+        f"noise {_noise(check)}" if result.joint.noise_std else "",
+        details,
+    )
+
+
+def _noise(check: Check) -> str:
+    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in check.result.joint.noise_std.items())
 
 
 def finding_lines(check: Check) -> list[str]:
@@ -79,12 +102,13 @@ def sentence(finding: SensorFinding) -> str:
 
 def what_it_is(finding: SensorFinding) -> str:
     """What is wrong with the sensor, and by how much."""
-    value = f"{number(finding.value, finding.std)} +- {number(finding.std, finding.std)}"
+    factor, shown = shown_in(finding.unit)
+    value = f"{number(factor * finding.value, factor * finding.std)} +- {number(factor * finding.std, factor * finding.std)}"
     if finding.kind in PLACES:
         return f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
     if finding.channel == "wind":
-        return f"the air rises by {value} {finding.unit}"
-    unit = f" {finding.unit}" if finding.kind in ("drift", "bias") else ""
+        return f"the air rises by {value} {shown}"
+    unit = f" {shown}" if finding.kind in ("drift", "bias") else ""
     return WORDS[finding.kind].format(finding.channel, value + unit)
 
 
@@ -96,7 +120,8 @@ def _sensor(channel: str) -> str:
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
-def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
+def print_estimates(out: Console, title: str, result: CheckResult) -> None:
+    """Every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
     print_table(
@@ -104,11 +129,11 @@ def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
         title,
         [
             Column("fault", [row.name for row in rows], left=True),
-            Column("unit", [row.unit for row in rows], left=True),
+            Column("unit", [unit_cell(shown_in(row.unit).unit) for row in rows], left=True),
             Column("smoother", [_value(row, row.smoother.value, row.smoother.std) for row in rows]),
-            Column("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows]),
+            Column("+- sigma", [_value(row, row.smoother.std, row.smoother.std) for row in rows], beside=True),
             Column("output error", [_value(row, row.output_error.value, row.output_error.std) for row in rows]),
-            Column("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows]),
+            Column("+- sigma", [_value(row, row.output_error.std, row.output_error.std) for row in rows], beside=True),
             Column("apart, sigmas", [f"{row.difference:+.1f}" if row.told else "-" for row in rows]),
             Column("gain", [f"{row.gain:.1f}" if row.told and row.kind != "bias" else "-" for row in rows]),
             Column("", ["stands" if row.name in standing else "" if row.told else "cannot tell" for row in rows], left=True),
@@ -116,7 +141,7 @@ def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
     )
 
 
-def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
     """The smoother's value of every fault in each record by itself."""
     names = [item.name for item in joint.estimates]
     by_name = [{item.name: item for item in result.estimates} for result in single]
@@ -127,15 +152,24 @@ def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRe
             item = table.get(name)
             told = item is not None and item.told
             cells.append(
-                f"{number(item.smoother.value, item.smoother.std)} ± {number(item.smoother.std, item.smoother.std)}" if item and told else "-"
+                f"{_value(item, item.smoother.value, item.smoother.std)} +- {_value(item, item.smoother.std, item.smoother.std)}"
+                if item and told
+                else "-"
             )
         columns.append(Column(result.records[0], cells))
     print_table(out, "", columns)
 
 
-def _unit(check: Check, name: str) -> str:
+def unit_of(check: Check, name: str) -> str:
+    """The unit of a channel."""
     return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
 
 
 def _value(row: SensorEstimate, value: float, std: float) -> str:
-    return number(value, std) if row.told else "-"
+    factor, _ = shown_in(row.unit)
+    return number(factor * value, factor * std) if row.told else "-"
+
+
+def _level(name: str, std: float, unit: str) -> str:
+    factor, shown = shown_in(unit, name)
+    return f"{name} {factor * std:.3g}{spaced(shown)}"

@@ -8,7 +8,7 @@ from typing import Any
 
 from scenarios.studies.rows import Row
 from scenarios.terminal.numbers import number
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.terminal.tables import Column, columns_of
 from sim.record import Hold
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
@@ -52,14 +52,14 @@ def other_reading(used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row]
     return OtherReading(used, opposite(used), moved, gain) if moved else None
 
 
-def reading_rows(reading: OtherReading) -> list[str]:
-    """A table of the values under each reading, a line each."""
+def reading_rows(reading: OtherReading) -> list[Column]:
+    """A table of the values under each reading, a row for each derivative that moves."""
     rows = [
         (row.name, row.unit if row.unit != "1" else "", *_values(row, new), f"{(new.estimate - row.estimate) / row.std:+.1f} sigma")
         for row, new in reading.moved
     ]
     headings = ("derivative", "unit", f"{WORDS[reading.used]} (used)", WORDS[reading.other], "moved by")
-    return table_lines(columns_of(headings, rows, left=2))
+    return columns_of(headings, rows, left=2)
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:

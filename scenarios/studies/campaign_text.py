@@ -12,20 +12,26 @@ from rich.console import Console
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.report.campaign import campaign_page
+from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.numbers import console, number
+from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
 
 
-def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
-    """The table of all parameters, and how many runs broke down."""
+def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW) -> None:
+    """A summary, the table of all parameters, and how many runs broke down."""
     terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
     spreads = (*campaign.spreads, campaign.pooled)
     sizes = [
         Column("parameter", [s.name for s in spreads], left=True),
-        Column("unit", [s.unit for s in spreads], left=True),
+        Column("unit", [unit_cell(s.unit) for s in spreads], left=True),
         Column("reference", [f"{s.reference:.5g}" for s in spreads]),
         Column("bias", [number(s.bias, s.scatter) for s in spreads]),
         Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
@@ -36,13 +42,17 @@ def print_campaign(campaign: Campaign, out: Console | None = None) -> None:
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
+    pooled, low_high = campaign.pooled, " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval)
+    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled"
+    result = f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 sigma {100 * pooled.within_one:.1f} %"
+    print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
 
-def write_campaign(campaign: Campaign, out: Path) -> Path:
-    """Write ``campaign.json`` and ``estimates.csv`` into the folder ``out``, whole or not at all; returns the folder."""
+def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``campaign.json``, ``estimates.csv``, the figure ``campaign`` and the page into the folder ``out``, whole or not at all; returns it."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -50,6 +60,13 @@ def write_campaign(campaign: Campaign, out: Path) -> Path:
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.studies.figures import campaign_figures
+
+            drawn = drawn_for_page(campaign_figures(campaign), scratch, figures)
+        write_page(scratch, campaign_page(campaign, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,

@@ -16,18 +16,21 @@ from scenarios.studies.published import published_remark
 from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
-from scenarios.studies.sweep.text import print_sweep
+from scenarios.studies.sweep.text import print_sweep, sweep_phrase
+from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
 from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.quantities import determined
+from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, result_phrase
 from scenarios.terminal.tables import Column, print_table
 
 
-def print_study(study: Study, out: Console | None = None) -> None:
-    """The study's tables, the main method first, each with what there is to say of it; then what holds for the whole study."""
+def print_study(study: Study, out: Console | None = None, details: str = BELOW) -> None:
+    """A summary; the study's tables, the main method first, each with what there is to say of it; then what holds for the whole study."""
     out = out or console()
     scenario = study.scenario
+    print_summary(out, study_summary(study, details))
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in {study.record.time[-1]:g} s", highlight=False)
     for method in study.methods:
@@ -55,6 +58,20 @@ def print_study(study: Study, out: Console | None = None) -> None:
             print_paragraph(out, note, indent=0)
 
 
+def study_summary(study: Study, details: str = BELOW) -> Summary:
+    """Scenario and main method; its outcome and largest error; what matters most; what the fit leaves."""
+    main, scenario = study.main, study.scenario
+    others = f" and {len(study.methods) - 1} more" if len(study.methods) > 1 else ""
+    errors = {row.name: row.sigmas for row in main.rows if row.sigmas is not None and row.std > 0.0}
+    worst = max(errors, key=lambda name: abs(errors[name]), default="")
+    outcome = main.result.estimate.outcome.value + (f"; largest error {errors[worst]:+.1f} sigma ({worst})" if worst else "")
+    result = result_phrase([(row.name, row.estimate, row.std, row.unit) for row in main.rows], main.derived)
+    if study.sweep is not None:
+        result = sweep_phrase(study.sweep)
+    done = f"{scenario.name}: {scenario.title}; seed {study.seed}; {main.estimation.label}{others}"
+    return Summary(done, outcome, result, residual_phrase(main.tests), details)
+
+
 def print_choices(out: Console, lines: Sequence[str], vehicle: str = "") -> None:
     """Choices, one line each under a heading, and what is to be said of the vehicle's numbers; nothing where there is nothing."""
     if lines:
@@ -74,17 +91,17 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
     title += f"; {estimate.message}" if estimate.message else ""
-    rows = _with_display(study, method.rows)
+    rows = with_display(study, method.rows)
     columns = [
         Column("parameter", [row.name for row in rows], left=True),
-        Column("unit", [row.unit for row in rows], left=True),
+        Column("unit", [unit_cell(row.unit) for row in rows], left=True),
         Column("true", [_or_dash(row.true) for row in rows]),
     ]
     if any(row.condensed is not None for row in rows):
         columns.append(Column("condensed", [_or_dash(row.condensed) for row in rows]))
     columns += [
         Column("estimate", [number(row.estimate, row.std) if _known(row) else "not determined" for row in rows]),
-        Column("+- sigma", [number(row.std, row.std) if _known(row) else "-" for row in rows]),
+        Column("+- sigma", [number(row.std, row.std) if _known(row) else "-" for row in rows], beside=True),
         Column("error %", [_or_dash(row.percent, ".2f") for row in rows]),
         Column("error, sigmas", [_or_dash(row.sigmas, "+.2f") for row in rows]),
     ]
@@ -92,8 +109,8 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     if any(row.published is not None for row in rows):
         published = [
             Column("published", [f"{row.published.value:.5g}" if row.published else "" for row in rows]),
-            Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows]),
-            Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows]),
+            Column("+- sigma", [f"{row.published.std:.4g}" if row.published else "" for row in rows], beside=True),
+            Column("off, own sigmas", [_or_dash(row.published_sigmas, "+.1f") if row.published else "" for row in rows], beside=True),
         ]
     print_table(out, title, [*columns, *published])
     flown = study.scenario.flown
@@ -131,7 +148,7 @@ def _of(each: Scatter, name: str, values: np.ndarray, digits: str) -> str:
     return format(value, digits) if math.isfinite(value) else "-"
 
 
-def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
+def with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
     """Rows, and again in another unit those that the scenario wants shown so."""
     from scenarios.studies.comparison import in_unit
 

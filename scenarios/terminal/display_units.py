@@ -49,6 +49,11 @@ def in_hertz(value: float, name: str, unit: str) -> str:
     return f" ({value / (2.0 * math.pi):.3g} Hz)" if is_frequency(name, unit) else ""
 
 
+def unit_cell(unit: str) -> str:
+    """A unit in a column of units: nothing for a pure number."""
+    return unit if unit not in NO_UNIT else ""
+
+
 def spaced(unit: str) -> str:
     """A unit behind its number: a blank and the unit, nothing for a pure number."""
     return f" {unit}" if unit not in NO_UNIT else ""

@@ -6,7 +6,10 @@ import re
 import shutil
 import sys
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
+
+from scenarios.terminal.listening import heard_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,7 +17,9 @@ if TYPE_CHECKING:
 WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
 TEXT_WIDTH = 100  # of a paragraph; longer lines are hard to read
 _FIXED = "\N{NO-BREAK SPACE}"
-_JOINED = re.compile(r" (?=\+- )|(?<=\+-) |(?<=\d) (?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))")  # blanks that hold a quantity together
+_JOINED = re.compile(  # blanks that hold a quantity together: before a sigma, a unit, behind a comparison
+    r" (?=(?:\+-|[<>=]) [\d.-])|(?<=\+-|[ (][<>=]) (?=[\d.-])|(?<=\d) (?=(?:deg|rad|s|ms|Hz|m|g|kg|N|Pa|%)(?![A-Za-z]))"
+)
 
 
 def terminal_width() -> int:
@@ -36,8 +41,11 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``: whole words, and dots where there is more to say."""
+    """One line of ``width`` characters behind ``label``: whole clauses that fill three quarters of the room, else whole words; dots for the rest."""
     limit = max(width - len(label), 1)
+    clause = text.rfind("; ", 0, limit - 3)
+    if len(text) > limit and clause > 0.75 * limit:
+        return f"{label}{text[:clause]}; ..."
     words = _JOINED.sub(_FIXED, text)
     first = words.split(" ")[0]
     if len(first) > limit:  # a path is no use without its end
@@ -46,8 +54,16 @@ def shortened(text: str, width: int, label: str = "") -> str:
     return label + (lines[0] if lines else "").replace(_FIXED, " ")
 
 
+def print_lines(out: Console, lines: Sequence[str]) -> None:
+    """Print lines as they stand."""
+    for line in lines:
+        out.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
+    if (heard := heard_of(out)) is not None:
+        heard.append(text)
+        return
     margin = " " * indent
-    for line in folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin):
-        out.print(line, highlight=False, markup=False, soft_wrap=True)
+    print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from scenarios.terminal.paragraphs import WIDTH, folded, wrapped
+from scenarios.terminal.listening import Told, heard_of
+from scenarios.terminal.paragraphs import WIDTH, folded, print_lines, wrapped
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,12 +27,14 @@ _PARTS = re.compile(r"(?<=[A-Za-z][:-])(?=[A-Za-z])")  # where a long name may b
 class Column:
     """A heading and its cells, all of the same length within a table.
 
-    Numbers stand at the right. ``left``: words, which stand at the left and may be folded.
+    Numbers stand at the right. ``left``: words, which stand at the left and may be folded. ``beside``: in the same block as the column before
+    it, which its heading does not make sense without.
     """
 
     heading: str
     cells: Sequence[str]
     left: bool = False
+    beside: bool = False
 
 
 def columns_of(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()) -> list[Column]:
@@ -54,21 +57,29 @@ def table_lines(columns: Sequence[Column], *, title: str = "", width: int = WIDT
 
 def print_table(out: Console, title: str, columns: Sequence[Column], keys: int = 1) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
+    if (heard := heard_of(out)) is not None:
+        if columns and columns[0].cells:
+            heard.append(Told(title, tuple((column.heading, tuple(column.cells)) for column in columns)))
+        return
     lines = table_lines(columns, width=out.width, keys=keys)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)
-    for line in lines:
-        out.print(line, highlight=False, markup=False, soft_wrap=True)
+    print_lines(out, lines)
 
 
 def _blocks(columns: Sequence[Column], width: int, keys: int) -> list[list[Column]]:
     """Columns of each block: as many as fit when they are folded as far as they may be."""
-    first, rest = list(columns[:keys]), list(columns[keys:])
+    first, groups = list(columns[:keys]), list[list[Column]]()
+    for column in columns[keys:]:
+        if column.beside and groups:
+            groups[-1].append(column)
+        else:
+            groups.append([column])
     blocks = [list(first)]
-    for column in rest:
-        if len(blocks[-1]) > keys and _total([_least(each) for each in (*blocks[-1], column)]) > width:
+    for group in groups:
+        if len(blocks[-1]) > keys and _total([_least(each) for each in (*blocks[-1], *group)]) > width:
             blocks.append(list(first))
-        blocks[-1].append(column)
+        blocks[-1] += group
     return blocks
 
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from ident.flying_qualities.handling_qualities import Level
+from ident.flying_qualities.handling_qualities import UNITS as QUALITY_UNITS
+from ident.flying_qualities.handling_qualities import Level, Quality
 from scenarios.studies.departures import choice_lines
 from scenarios.studies.text import print_choices
+from scenarios.terminal.display_units import is_frequency, unit_cell
 from scenarios.terminal.numbers import console, number, test_line
 from scenarios.terminal.paragraphs import print_paragraph
+from scenarios.terminal.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
 from scenarios.terminal.tables import Column, print_table
 from scenarios.x29.content import correlation_content
 from scenarios.x29.findings import sentences
@@ -32,21 +37,35 @@ WORDS = {
 }
 
 
-def print_loop(study: LoopStudy, out: Console | None = None) -> None:
-    """Everything there is to read of a study, the estimate first."""
+def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
+    """Everything there is to read of a study: a summary, the estimate, the rest."""
     out = out or console()
+    print_summary(out, loop_summary(study, details))
     scenario, record = study.scenario, study.result.setting.record
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
     _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
-    for table in (_states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
+    for table in list(TABLES.values())[1:]:
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
         if sentence:
             print_paragraph(out, sentence, indent=0)
+
+
+def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
+    """Scenario; outcome and delay; frequency and damping; what the fit leaves."""
+    estimate, shown = study.result.estimate, ("natural_frequency", "damping_ratio", "delay")
+    found = [value_phrase(WORDS[q.name], q.value, q.std, q.unit) for q in study.result.qualities if q.name in shown]
+    return Summary(
+        f"{study.scenario.name}: {study.scenario.title}; seed {study.seed}; low-order equivalent by nine filters, delay refined",
+        estimate.outcome.value,
+        "; ".join(found),
+        residual_phrase(study.tests),
+        details,
+    )
 
 
 def _estimate(study: LoopStudy, out: Console) -> None:
@@ -55,9 +74,9 @@ def _estimate(study: LoopStudy, out: Console) -> None:
     names = [name for name in PARAMETERS if name in estimate.names]
     columns = [
         Column("parameter", names, left=True),
-        Column("unit", [estimate.units[estimate.names.index(name)] for name in names], left=True),
+        Column("unit", [unit_cell(estimate.units[estimate.names.index(name)]) for name in names], left=True),
         Column("estimate", [number(estimate.value(name), estimate.sigma(name)) for name in names]),
-        Column("+- sigma", [number(estimate.sigma(name), estimate.sigma(name)) for name in names]),
+        Column("+- sigma", [number(estimate.sigma(name), estimate.sigma(name)) for name in names], beside=True),
         Column("loop equivalent", [f"{getattr(loop, name):.5g}" if hasattr(loop, name) else "-" for name in names]),
         Column(
             "plain bank", [number(study.plain.estimate.value(n), estimate.sigma(n)) if n != "delay" else f"{study.plain.delay:.3f}" for n in names]
@@ -67,7 +86,7 @@ def _estimate(study: LoopStudy, out: Console) -> None:
     if printed:
         further = [
             Column("published", [f"{printed[name].value:.5g}" if name in printed else "" for name in names]),
-            Column("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names]),
+            Column("+- sigma", [f"{s:.2g}" if name in printed and (s := printed[name].std) is not None else "" for name in names], beside=True),
         ]
     out.print()
     print_table(out, f"estimate, delay refined: {estimate.outcome.value}", [*columns, *further])
@@ -98,10 +117,10 @@ def _correlation(study: LoopStudy, out: Console) -> None:
 
 
 def _qualities(study: LoopStudy, out: Console) -> None:
-    found = study.result.qualities
+    found = [each for q in study.result.qualities for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])]
     columns = [
         Column("quantity", [WORDS[q.name] for q in found], left=True),
-        Column("unit", [q.unit for q in found], left=True),
+        Column("unit", [unit_cell(q.unit) for q in found], left=True),
         Column("value", [number(q.value, q.std) for q in found]),
         Column("from", [number(q.value - 2 * q.std, q.std) for q in found]),
         Column("to (2 sigma)", [number(q.value + 2 * q.std, q.std) for q in found]),
@@ -112,6 +131,10 @@ def _qualities(study: LoopStudy, out: Console) -> None:
         c = row.criterion
         category = "" if c.category == "all" else f", category {c.category}"
         print_paragraph(out, f"{WORDS[c.quantity]}{category}: level {_level(row)} ({c.source})")
+
+
+def _hertz(q: Quality) -> Quality:
+    return replace(q, value=q.value / (2.0 * math.pi), std=q.std / (2.0 * math.pi), unit="Hz")
 
 
 def _level(row: Level) -> str:
@@ -125,6 +148,7 @@ def _check(study: LoopStudy, out: Console) -> None:
     own = {q.name: q for q in result.qualities}
     columns = [
         Column("quantity", [WORDS[n] for n in names], left=True),
+        Column("unit", [unit_cell(QUALITY_UNITS[n]) for n in names], left=True),
         Column("filter", [number(own[n].value, own[n].std) if n in own else "-" for n in names]),
         Column("loop's response", [f"{getattr(loop, n):.4g}" for n in names]),
         Column("record's spectra", [f"{record[n]:.4g}" if record is not None else "-" for n in names]),
@@ -152,9 +176,9 @@ def _differences(study: LoopStudy, out: Console) -> None:
     columns = [
         Column("parameter", [d.name for d in rows], left=True),
         Column("other", [number(d.first, d.first_std) for d in rows]),
-        Column("+- sigma", [number(d.first_std, d.first_std) for d in rows]),
+        Column("+- sigma", [number(d.first_std, d.first_std) for d in rows], beside=True),
         Column("here", [number(d.second, d.second_std) for d in rows]),
-        Column("+- sigma", [number(d.second_std, d.second_std) for d in rows]),
+        Column("+- sigma", [number(d.second_std, d.second_std) for d in rows], beside=True),
         Column("difference, sigmas", [f"{d.z:+.1f}" for d in rows]),
         Column("", ["beyond" if d.beyond else "" for d in rows], left=True),
     ]
@@ -218,3 +242,18 @@ def _variants(study: LoopStudy, out: Console) -> None:
 
 def _cells(values: Sequence[float]) -> list[str]:
     return [f"{value:.2f}" for value in values]
+
+
+# What is printed, by the heading under which it stands on a page, the estimate first.
+TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
+    "Estimate": _estimate,
+    "States of the filter": _states,
+    "Correlation": _correlation,
+    "Flying qualities": _qualities,
+    "Check by frequency response": _check,
+    "The paper's numbers": print_paper,
+    "Against the other study": _differences,
+    "Side by side": _together,
+    "Started again": _passes,
+    "With changes": _variants,
+}

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.effort import effort_sentence
+from scenarios.diagnosis.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
-from scenarios.diagnosis.report.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
@@ -23,14 +23,38 @@ from scenarios.preparation.record_words import record_lines
 from scenarios.terminal.display_units import is_frequency, shown_in
 from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import CHANNELS, value_text
+from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 
 MOVED = 2.0  # sigmas
 WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 
 
-def diagnosis_text(tracing: Tracing, width: int = WIDTH) -> str:
-    """What a terminal of this width shows: verdict and headline, effects, errors, derivatives, candidates, warnings."""
+def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
+    """What a terminal of this width shows: a summary, then everything."""
+    return "\n".join([*summary_lines(diagnosis_summary(tracing, details), width), "", details_text(tracing, width)])
+
+
+def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
+    """Vehicle and records; the verdict and its effects; their parameters and the derivative that moved most; what the fit leaves."""
+    d, wording = tracing.diagnosis, wording_of(tracing)
+    claimed = [claim for claim in d.effects if claim.claimed]
+    names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
+    told = [f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters]
+    moved_most = _most_moved(d) if claimed else ""
+    told += [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"] if moved_most else []
+    tests = d.tests_before if nothing_stands(d) else d.tests_after
+    return Summary(
+        subject(tracing),
+        f"{d.verdict.value.upper()}: {names or d.verdict.sentence}",
+        "; ".join(told) or _error_phrase(tracing),
+        residual_phrase(tests),
+        details,
+    )
+
+
+def details_text(tracing: Tracing, width: int = WIDTH) -> str:
+    """Verdict and headline, effects, errors, derivatives, candidates, warnings."""
     d = tracing.diagnosis
     errors = error_rows(d, channel_units(tracing.model))
     blocks = [

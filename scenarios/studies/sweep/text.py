@@ -33,6 +33,20 @@ def print_sweep(sweep: Sweep, out: Console) -> None:
         print_paragraph(out, criterion_sentence(each, sweep), indent=0)
 
 
+def sweep_phrase(sweep: Sweep) -> str:
+    """From which degree of flexibility on a rigid model fails each criterion, in one line."""
+    told = [
+        f"{each.name} from {each.degree:.3g} on" if each.degree is not None else f"{each.name} {_everywhere(each)}"
+        for each in criteria_of(sweep.points)
+    ]
+    return f"degree of flexibility from which a rigid model fails: {', '.join(told)}"
+
+
+def _everywhere(criterion: Criterion) -> str:
+    fails = criterion.values[0] < criterion.limit if criterion.below else criterion.values[0] > criterion.limit
+    return "on every structure" if fails else "on none"
+
+
 def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
     """From where on a rigid model fails the criterion."""
     if criterion.degree is None or criterion.frequency_factor is None:

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands
-from scenarios.diagnosis.report.text import diagnosis_text
+from scenarios.diagnosis.report.text import details_text, diagnosis_summary
 from scenarios.terminal.display_units import told
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.quantities import value_text
+from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import Column, columns_of, table_lines
 from scenarios.trials.standin.fitting import declared_model, left_over
 from scenarios.trials.standin.flights.drawing import Dominant, Drawn
@@ -20,15 +21,22 @@ from scenarios.trials.standin.study import StandInStudy
 DERIVATIVES = ("derivative", "nominal", "before", "after", "before, %", "after, %")
 
 
-def standin_text(study: StandInStudy, width: int = WIDTH) -> str:
-    """Before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
+def standin_text(study: StandInStudy, width: int = WIDTH, details: str = BELOW) -> str:
+    """A summary, before and after as `flightid diagnose` shows them, then what was true and what the verdict is worth."""
     blocks = [
+        summary_lines(standin_summary(study, details), width),
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
-        diagnosis_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(_against_nominal(study), title="derivatives against the nominal ones", width=width),
+        details_text(study.tracing, width).rstrip().split("\n"),
+        table_lines(against_nominal(study), title="derivatives against the nominal ones", width=width),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
+
+
+def standin_summary(study: StandInStudy, details: str = BELOW) -> Summary:
+    """The diagnosis, and what the truth says of it."""
+    told = diagnosis_summary(study.tracing, details)
+    return replace(told, study=f"{study.standin.name}: {study.standin.title}; {told.study}", outcome=f"{told.outcome}; truth: {score_text(study)}")
 
 
 def flight_lines(flight: Flight) -> list[str]:
@@ -38,10 +46,18 @@ def flight_lines(flight: Flight) -> list[str]:
     correlation = ", ".join(f"{name} {value:.2f}" for name, value in zip(drawn.axis.measured, rest["correlation"], strict=True))
     excess = ", ".join(f"{name} {value:.1f}" for name, value in zip(drawn.axis.measured, rest["excess"], strict=True))
     return [
-        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.standin.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
-        f"channels {', '.join(drawn.channels)}",
+        *flown_lines(flight),
         f"the declared model fitted to each record leaves residuals of lag-one correlation {correlation}; over the sensor noise {excess}",
         f"derivatives scatter from record to record {float(np.median(rest['inflation'])):.1f} times as far as sigmas of white residuals say",
+    ]
+
+
+def flown_lines(flight: Flight) -> list[str]:
+    """What flew, and how it was recorded."""
+    drawn = flight.drawn
+    return [
+        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.standin.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
+        f"channels {', '.join(drawn.channels)}",
     ]
 
 
@@ -65,7 +81,7 @@ def _dominant(item: Dominant, records: int) -> str:
     return f"{item.name} ({values}){where}"
 
 
-def _against_nominal(study: StandInStudy) -> list[Column]:
+def against_nominal(study: StandInStudy) -> list[Column]:
     """The derivatives before and after; of the declared model alone where no effect stands beside it."""
     columns = columns_of(DERIVATIVES, _rows(study))
     if not nothing_stands(study.tracing.diagnosis):

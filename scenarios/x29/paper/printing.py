@@ -52,7 +52,7 @@ def _states(study: LoopStudy, column: str, out: Console) -> None:
 
     def block(key: str, heading: str) -> list[Column]:
         here, published = cells(key)
-        return [Column(f"{heading}, here", here), Column("published", published)]
+        return [Column(f"{heading}, here", here), Column("published", published, beside=True)]
 
     columns = [Column("state", list(rows), left=True), *block("initial", "initial"), *block("initial_variance", "P0")]
     further = [*block("final", "final"), *block("final_variance", "variance"), *block("R", "R"), *block("Q", "Q")]

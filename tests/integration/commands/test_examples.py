@@ -15,15 +15,18 @@ from typing import Any
 import pytest
 
 from ident.tracing.loop import diagnose
+from scenarios.api.running import LOOP
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS
 from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
-from scenarios.commands.campaign import LOOP
-from scenarios.commands.telling import Told, telling
+from scenarios.cli.telling import Told, telling
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
+from scenarios.trials.planted import campaign
+from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted.study import Grade
 from tests.integration.command_line import CommandLine
 
 NAMES = [function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions]
@@ -34,6 +37,11 @@ RECORD = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
 def one_candidate(records: Any, model: Any, candidates: Sequence[Any], guards: Any, *others: Any) -> Any:
     """The loop with what is hidden as its only candidate: the commands are tried here, not the search."""
     return diagnose(records, model, [each for each in candidates if each.name == "vane-offset"], (), *others)
+
+
+def named_at_once(scenario: TraceScenario, seed: int) -> campaign.TraceJudged:
+    """A flight of a campaign in which all is as it should be."""
+    return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), (("CL_q", True),))
 
 
 def typed(line: str) -> tuple[object, str, str]:
@@ -56,6 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(tmp_path_factory.mktemp("examples"))
         patch.setattr(on_files, "_loop", lambda: one_candidate)
         patch.setattr(on_files, "_witness", lambda *_: KinematicWitness(None))
+        patch.setattr(campaign, "judge_trace", named_at_once)
         patch.setattr(os, "cpu_count", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line
@@ -143,10 +152,10 @@ def test_quiet_prints_warnings_alone_and_json_the_document_alone(folder: Path) -
 
 
 def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with telling(tmp_path, True, quiet=True, as_json=False, documents=["study.json"]) as told:
+    with telling(tmp_path, ("png",), quiet=True, as_json=False, documents=["study.json"]) as told:
         print("a table")
         (tmp_path / "study.json").write_text('{"warnings": ["the vane sticks"]}')
-    assert told == Told(tmp_path, True, progress=False)
+    assert told == Told(tmp_path, ("png",), progress=False)
     assert capsys.readouterr() == ("", "flightid: warning: the vane sticks\n")
 
 

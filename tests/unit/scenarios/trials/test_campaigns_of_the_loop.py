@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.commands import campaign
+from scenarios.api.running import LOOP
 from scenarios.commands.campaign import run_campaign
 from scenarios.commands.trials import TRIALS
 from scenarios.studies.catalogue import scenario_names
@@ -36,7 +36,7 @@ def loop(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_command_knows_the_campaigns_and_they_take_no_scenarios_name() -> None:
-    assert set(campaign.LOOP) == set(TRIALS) and not set(TRIALS) & set(scenario_names())
+    assert set(LOOP) == set(TRIALS) and not set(TRIALS) & set(scenario_names())
 
 
 @pytest.mark.parametrize(

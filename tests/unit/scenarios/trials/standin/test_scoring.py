@@ -74,7 +74,7 @@ def test_a_diagnosis_is_held_against_the_truth() -> None:
     assert all(row.nominal == flown.drawn.declared.parameters[row.name].value for row in found.derivatives)
     text = standin_text(found)
     assert "vane-offset is named among the alternatives of a claim; sensor-scale:nz is claimed and is not there" in text
-    assert "hidden was vane-offset (arm 4)" in text and "lag-one correlation" in text
+    assert "hidden was vane-offset (arm 4 m)" in text and "lag-one correlation" in text
 
 
 def test_hints_are_no_claims() -> None:

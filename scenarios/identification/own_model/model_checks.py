@@ -1,0 +1,118 @@
+"""What a model's own file can be asked before there is a record: units, arrays, complex steps, and what a doublet on each input shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenarios.files.own_models import inputs_at_rest
+from scenarios.files.units import is_unit
+from scenarios.identification.own_model.example_motion import Motion, doublet_motion
+from sim.declaration.compile import compile_model
+from sim.declaration.model import Model
+from sim.declaration.system import System
+from sim.maths.elementary import complex_step_jacobian
+
+SHAPE = (3, 5)
+ASIDE = 0.01  # of a value, or of one: how far the points are apart at which functions are compared
+STEP = 1e-6  # of a value, or of ``ASIDE``: step of central differences
+SIZE = 0.01  # of an output's largest value: the noise in which the parameters are sought
+UNTOLD = 1e-10  # of the largest eigenvalue of the scaled information, below which a direction is not in the data
+SHARE = 1e-3  # of such a direction that makes a parameter part of it
+
+
+@dataclass(frozen=True)
+class Excited:
+    """How well a parameter would be known: ``sigma`` in its unit, infinite where no output shows it; ``beside`` those that it hides behind."""
+
+    name: str
+    value: float
+    sigma: float
+    beside: tuple[str, ...] = ()
+
+
+def unknown_units(model: Model) -> list[str]:
+    """Signals and parameters whose unit is only a label, ``"NAME (UNIT)"``."""
+    e = model.equations
+    named = [(each.name, each.unit) for each in (*e.states, *e.inputs, *e.outputs, *e.ports, *model.parameters)]
+    return [f"{name} ({unit})" for name, unit in dict.fromkeys(named) if not is_unit(unit)]
+
+
+def one_by_one(model: Model) -> float:
+    """Largest relative difference between a call with arrays of ``SHAPE`` and calls with single numbers, over all rates and readings."""
+    system = compile_model(model)
+    points = _points(model, system, int(np.prod(SHAPE)))
+    together = _answers(system, [row.reshape(SHAPE) for row in points])
+    worst = 0.0
+    for k in range(points.shape[1]):
+        alone = np.array(_answers(system, points[:, k].tolist()), dtype=float)
+        there = np.array([np.broadcast_to(row, SHAPE).reshape(-1)[k] for row in together])
+        worst = max(worst, _apart(alone, there))
+    return worst
+
+
+def steps_against_differences(model: Model) -> float:
+    """Largest difference between complex steps and central differences over all rates and readings, relative to the largest slope of each."""
+    system = compile_model(model)
+    point = _points(model, system, 2)[:, 1].tolist()
+    exact = complex_step_jacobian(lambda at: _answers(system, at), point)
+    found = np.zeros_like(exact)
+    for k, value in enumerate(point):
+        step = STEP * (abs(value) or ASIDE)
+        above, below = (np.array(_answers(system, [*point[:k], value + sign * step, *point[k + 1 :]]), dtype=float) for sign in (1.0, -1.0))
+        found[:, k] = (above - below) / (2.0 * step)
+    sizes = np.abs(np.array(point)) + ASIDE
+    return _apart((exact * sizes).T, (found * sizes).T)
+
+
+def excited(model: Model) -> tuple[Motion, list[Excited]]:
+    """The motion that a doublet on each input makes, and how well it tells the free parameters beside initial states and biases.
+
+    Cramer-Rao bounds for white noise of ``SIZE`` on each output; an output that does not move says nothing.
+    """
+    motion = doublet_motion(model)
+    rows = [slopes / (SIZE * size) for slopes, size in zip(motion.slopes, motion.sizes, strict=True) if size > 0.0]
+    names = model.parameters.free_names
+    if not rows:
+        return motion, [Excited(name, model.parameters[name].value, np.inf) for name in names]
+    jacobian = np.concatenate(rows)
+    lengths = np.linalg.norm(jacobian, axis=0)
+    seen = np.flatnonzero(lengths > 0.0)
+    scaled = jacobian[:, seen] / lengths[seen]
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    dark = values < UNTOLD * values[-1]
+    variance = np.sum(vectors[:, ~dark] ** 2 / values[~dark], axis=1)
+    untold = vectors[:, dark] ** 2 > SHARE
+    out = []
+    for i, name in enumerate(names):
+        value, place = model.parameters[name].value, np.flatnonzero(seen == i)
+        if place.size == 0:
+            out.append(Excited(name, value, np.inf))
+            continue
+        mine = untold[place[0]]
+        beside = [motion.names[seen[j]] for j in np.flatnonzero(np.any(untold[:, mine], axis=1)) if seen[j] != i]
+        sigma = np.inf if np.any(mine) else float(np.sqrt(variance[place[0]])) / float(lengths[i])
+        out.append(Excited(name, value, sigma, tuple(beside)))
+    return motion, out
+
+
+def _points(model: Model, system: System, count: int) -> np.ndarray:
+    """States, inputs and parameters at ``count`` points about the starts, ``(n, count)``."""
+    start = np.concatenate([system.initial.values(), inputs_at_rest(model), system.parameters.values()])
+    sides = np.sin(np.outer(1.0 + np.arange(len(start)), 1.0 + np.arange(count)))
+    return np.asarray(start[:, None] + ASIDE * sides * np.where(start == 0.0, 1.0, np.abs(start))[:, None])
+
+
+def _answers(system: System, point: Sequence[Any]) -> list[Any]:
+    n, m = len(system.states), len(system.inputs)
+    x, u, p = point[:n], point[n : n + m], point[n + m :]
+    return [*system.f(0.0, x, u, p), *system.h(0.0, x, u, p)]
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference relative to the largest number of each column."""
+    sizes = np.maximum(np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0))
+    return float(np.max(np.max(np.abs(np.atleast_2d(one - other)), axis=0) / np.where(sizes > 0.0, sizes, 1.0), initial=0.0))
