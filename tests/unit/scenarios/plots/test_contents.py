@@ -241,12 +241,14 @@ def test_equivalents_stand_beside_each_other() -> None:
 
 
 def test_large_correlations_are_framed_and_undefined_ones_grey() -> None:
-    matrix = np.array([[1.0, 0.95, 0.2, np.nan], [0.95, 1.0, -0.91, np.nan], [0.2, -0.91, 1.0, np.nan], [np.nan] * 4])
+    matrix = np.array([[1.0, 0.95, -0.5, np.nan], [0.95, 1.0, -0.91, np.nan], [-0.5, -0.91, 1.0, np.nan], [np.nan] * 4])
     figure = figure_correlation(["CL_alpha", "CL_q", "Cm_q", "delay"], matrix)
     panel = figure.axes[0]
-    assert [text.get_text() for text in panel.texts] == ["0.95", "−0.91"]
+    assert [text.get_text() for text in panel.texts] == [".95", "−.50", "−.91"]
     assert len([patch for patch in panel.patches if not patch.get_fill()]) == 2
     assert len([patch for patch in panel.patches if patch.get_fill()]) == 3
     assert any(text.get_text().startswith("2 of 6 pairs") for text in figure.texts)
+    small = figure_correlation(["CL_alpha", "CL_q"], np.array([[1.0, 0.49], [0.49, 1.0]])).axes[0]
+    assert not small.texts, "what is below a half carries no number"
     with pytest.raises(ModelError, match="two parameters or more"):
         figure_correlation(["CL_alpha"], np.eye(1))
