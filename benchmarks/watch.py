@@ -114,6 +114,7 @@ def main() -> None:
         best, median = 1.0 / min(seconds), 1.0 / statistics.median(seconds)
         print(f"{name:22s} {median:7.0f} rows/s, best {best:7.0f}; {median / RATE:5.0f} times 40 Hz; {reference * median:5.2f} x the batch")
     found, expected = bank_estimate(bank, online(bank, rows, TOGETHER)), run_bank(record, system, held=held)
+    print(f"busy at {RATE:g} Hz: {100.0 * RATE * statistics.median(times['lines to history']):.0f} % of one core")
     print(f"largest difference from the batch {np.max(np.abs(found.mean - expected.mean) / expected.std):.1e} sigma")
 
 

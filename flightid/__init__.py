@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scenarios.api.errors import InputError
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
+    from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
     from scenarios.api.shown.parameters import Parameter, Parameters
     from scenarios.api.shown.table import Table
@@ -41,6 +42,7 @@ _EXPORTS = {
     **dict.fromkeys(("Identification", "identify"), "identification"),
     **dict.fromkeys(("effects", "models", "scenarios", "vehicles"), "libraries"),
     **dict.fromkeys(("Parameter", "Parameters"), "shown.parameters"),
+    **dict.fromkeys(("Prediction", "predict"), "prediction"),
     **dict.fromkeys(("Record", "read_record"), "records.record"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
     "Table": "shown.table",
@@ -55,6 +57,7 @@ __all__ = [
     "InputError",
     "Parameter",
     "Parameters",
+    "Prediction",
     "Record",
     "Study",
     "Table",
@@ -68,6 +71,7 @@ __all__ = [
     "models",
     "own_model",
     "plot",
+    "predict",
     "read_record",
     "run",
     "scenarios",

@@ -17,11 +17,11 @@ NOISE = {"alpha": 0.001, "q": 0.002, "nz": 0.02}
 TRUE_DELAY = 0.118
 
 
-def record(seed: int, duration: float = 7.0, rate: float = 25.0, gaps: bool = False) -> Record:
+def record(seed: int, duration: float = 7.0, rate: float = 25.0, gaps: bool = False, delay: float = TRUE_DELAY) -> Record:
     """A 3-2-1-1 with noise; with ``gaps`` some samples are missing, one row wholly."""
     time = np.arange(round(duration * rate) + 1) / rate
     stick = three_two_one_one(time, size=1.0)[None]
-    rows = fly(compile_model(loes_model().with_values({"delay": TRUE_DELAY})), Flight(time, stick, max_step=0.005))
+    rows = fly(compile_model(loes_model().with_values({"delay": delay})), Flight(time, stick, max_step=0.005))
     rng = np.random.default_rng(seed)
     noisy = {name: row + NOISE[name] * rng.standard_normal(time.size) for name, row in zip(NOISE, rows, strict=True)}
     if gaps:

@@ -100,9 +100,7 @@ def autocorrelation(values: np.ndarray, lags: int) -> np.ndarray:
 def figure_scatter(errors: Mapping[str, np.ndarray]) -> Figure:
     """Errors of many runs in their reported sigmas ``(N,)`` by parameter, as histograms over the standard normal density."""
     columns = min(3, len(errors))
-    sheet = make_sheet(
-        [1.2] * -(-len(errors) // columns), (1.0,) * columns, count=len(errors), row_gap=0.38, column_gap=0.4, left=0.45, share_x=False
-    )
+    sheet = make_sheet([1.2] * -(-len(errors) // columns), (1.0,) * columns, count=len(errors), row_gap=0.6, column_gap=0.4, left=0.45, share_x=False)
     for panel, (name, values) in zip(sheet.panels, errors.items(), strict=True):
         reach = max(4.0, min(30.0, 1.1 * float(np.max(np.abs(values)))))
         grid = np.linspace(-reach, reach, 301)

@@ -32,12 +32,14 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag per weight hangs on one number,
+    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag per weight hangs on one
+    number,
     the **ballistic coefficient** $\beta = W / (C_D A)$, truly 500 lb/ft²:
 
     $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/H} . $$
 
-    *A parameter as a state.* The extended Kalman filter (EKF) takes $x = (h, \dot h, \beta)$ with $\dot\beta = 0$. Between two samples it carries mean and
+    *A parameter as a state.* The extended Kalman filter (EKF) takes $x = (h, \dot h, \beta)$ with $\dot\beta = 0$. Between two samples it carries
+    mean and
     covariance along,
 
     $$ \dot{\hat x} = f(\hat x) , \qquad P \leftarrow \Phi P \Phi^T , \qquad \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2, \qquad
@@ -51,8 +53,10 @@ def _(mo):
 
     $$ \frac{\partial \ddot h}{\partial \beta} = - \frac{\rho\,\dot h^2}{2\,\beta^2} . $$
 
-    High up $\rho$ is next to nothing, and so is this entry: the filter cannot learn there. And it depends on $\beta$ itself, **squared**, taken at the filter's own
-    estimate. A gain that was formed about a wrong $\hat\beta$ has counted information that was never there, and $P$ never gives it back. That is what a second
+    High up $\rho$ is next to nothing, and so is this entry: the filter cannot learn there. And it depends on $\beta$ itself, **squared**, taken at
+    the filter's own
+    estimate. A gain that was formed about a wrong $\hat\beta$ has counted information that was never there, and $P$ never gives it back. That is what
+    a second
     *pass* is for: the filter runs again, now linearised about what the first pass found.
 
     *An honest sigma* holds the truth within two standard deviations in 95 of 100 repetitions. One run cannot show this; a **campaign** can.
@@ -90,7 +94,8 @@ def _(command, controls, lab, mo, page, seed):
     mo.vstack(
         [
             mo.md(
-                f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², truth {_row.true / _unit:.0f}: **{_off:+.1f} sigmas off**. "
+                f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², truth {_row.true / _unit:.0f}: **{_off:+.1f} "
+                "sigmas off**. "
                 f"The filter has halved its sigma at {lab.awakening(study)[0]:.1f} s, {lab.awakening(study)[1] / 1000:.1f} km up."
             ),
             page.command_line(command("run", lab.SCENARIO, asked, "--seed", str(seed.value))),
@@ -155,7 +160,8 @@ def _(close, lab, page):
     _at = lab.numbers()
     questions = {
         "altitude": page.Question(
-            "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the body when the filter has halved its sigma of β, in km?",
+            "With the sliders as they were (start 800 ± 300, one pass, 25 ft): how high is the body when the filter has halved its sigma of "
+            "β, in km?",
             page.number_field("km"),
             lambda value: close(value, _at["altitude then"], 0.05),
             "It stands under the sliders, and the band in the figure shows it.",
@@ -180,7 +186,8 @@ def _(close, lab, page):
             page.number_field("passes"),
             lambda value: value == lab.passes_needed(550.0, 110.0),
             "Set the start first, then raise the passes one by one and watch the campaign.",
-            "The second pass linearises near the truth all along. The data are counted again 1/400 times only, for each pass starts with twenty of the last one's sigmas.",
+            "The second pass linearises near the truth all along. The data are counted again 1/400 times only, for each pass starts with "
+            "twenty of the last one's sigmas.",
         ),
         "worse": page.Question(
             "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
@@ -205,7 +212,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Output error fits the whole record at once and has no order in time: `flightid run ballistic` shows it beside the filters, with the same sigma and no bias. When
+    Output error fits the whole record at once and has no order in time: `flightid run ballistic` shows it beside the filters, with the same sigma and
+    no bias. When
     would you still want the filter?
     """)
     return

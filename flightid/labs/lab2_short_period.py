@@ -22,7 +22,8 @@ def _(page):
     page.heading(
         2,
         "The short period and the 3-2-1-1",
-        """To see what a maneuver must excite so that a record determines the derivatives of an aircraft, what the standard deviations hang on, and how a
+        """To see what a maneuver must excite so that a record determines the derivatives of an aircraft, what the standard deviations hang on, and
+        how a
         record can be wrong while they look fine.""",
     )
     return
@@ -33,29 +34,36 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    After a push on the stick an aircraft swings in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change: the **short period**. About trim,
+    After a push on the stick an aircraft swings in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change: the **short
+    period**. About trim,
     with elevator $\delta_e$ and the rates made non-dimensional by $\bar c / 2V$,
 
     $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big), \qquad
        \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
 
-    Written short with $L$ for lift and $M$ for moment, $\dot\alpha = L_\alpha \alpha + L_q q + L_\delta \delta_e$ and $\dot q = M_\alpha \alpha + M_q q + M_\delta \delta_e$, where $L_\alpha < 0$ and
+    Written short with $L$ for lift and $M$ for moment, $\dot\alpha = L_\alpha \alpha + L_q q + L_\delta \delta_e$ and $\dot q = M_\alpha \alpha + M_q
+    q + M_\delta \delta_e$, where $L_\alpha < 0$ and
     $L_q \approx 1$. The swing has
 
     $$ \omega^2 = L_\alpha M_q - L_q M_\alpha , \qquad 2 \zeta \omega = -(L_\alpha + M_q) . $$
 
-    A record of the swing alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at several frequencies.
+    A record of the swing alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at
+    several frequencies.
 
-    *The 3-2-1-1* holds the elevator up for three units of time, down for two, up for one, down for one. Switches at four spacings spread its power over a band; a
+    *The 3-2-1-1* holds the elevator up for three units of time, down for two, up for one, down for one. Switches at four spacings spread its power
+    over a band; a
     *doublet* (one up, one down) has a narrow band.
 
-    *How well a record determines the parameters $\theta$* is known before it is flown. With sensitivities $\partial y_k / \partial \theta$ and noise covariance $R$, no unbiased estimate
+    *How well a record determines the parameters $\theta$* is known before it is flown. With sensitivities $\partial y_k / \partial \theta$ and noise
+    covariance $R$, no unbiased estimate
     has a smaller covariance than the **Cramér-Rao bound**:
 
-    $$ \operatorname{cov} \hat\theta \;\ge\; \Big[ \sum_k \Big(\frac{\partial y_k}{\partial\theta}\Big)^{\!T} R^{-1} \frac{\partial y_k}{\partial\theta} \Big]^{-1} . $$
+    $$ \operatorname{cov} \hat\theta \;\ge\; \Big[ \sum_k \Big(\frac{\partial y_k}{\partial\theta}\Big)^{\!T} R^{-1}
+    \frac{\partial y_k}{\partial\theta} \Big]^{-1} . $$
 
     In a linear model the sensitivities go with the amplitude $A$ of the input, and the sum with the number of samples $n$: every sigma goes with
-    $\sigma_{\text{noise}} / (A \sqrt n)$. The *shape* of the maneuver decides the rest. The bound supposes that the model is right, and that the recorded input is the one that acted.
+    $\sigma_{\text{noise}} / (A \sqrt n)$. The *shape* of the maneuver decides the rest. The bound supposes that the model is right, and that the
+    recorded input is the one that acted.
     """)
     return
 
@@ -96,7 +104,8 @@ def _(command, controls, lab, mo, page, seed, sigmas_off):
             page.table(["derivative, 1/rad", "true", "estimate", "sigma", "sigma, % of true", "error, sigmas"], _rows),
             mo.md(
                 f"Natural frequency **{_derived['natural_frequency'][0]:.4f} ± {_derived['natural_frequency'][1]:.4f} rad/s**, damping ratio "
-                f"**{_derived['damping_ratio'][0]:.4f} ± {_derived['damping_ratio'][1]:.4f}**; largest angle of attack {lab.largest_alpha(study):.1f} deg from trim."
+                f"**{_derived['damping_ratio'][0]:.4f} ± {_derived['damping_ratio'][1]:.4f}**; largest angle of attack "
+                f"{lab.largest_alpha(study):.1f} deg from trim."
             ),
             mo.callout(mo.md("The residual is not the noise alone. " + "; ".join(_failed)), kind="danger")
             if _failed
@@ -133,7 +142,8 @@ def _(close, lab, page):
             "Sigma goes with noise over amplitude, and with one over the root of the number of samples.",
         ),
         "doublet": page.Question(
-            """The spectrum of a doublet of unit T peaks where ωT = 2.33. Which T puts the peak at this aircraft's short period, in s? (Then try the nearest on the slider,
+            """The spectrum of a doublet of unit T peaks where ωT = 2.33. Which T puts the peak at this aircraft's short period, in s? (Then try the
+            nearest on the slider,
             and compare the sigmas with those of a doublet of 0.5 s.)""",
             page.number_field("s"),
             lambda value: close(value, lab.tuned_doublet(lab.numbers()["frequency"]), 0.03),
@@ -141,18 +151,21 @@ def _(close, lab, page):
             "Power where the aircraft answers is power that tells something.",
         ),
         "limit": page.Question(
-            "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack from trim. What is the longest unit on the slider that keeps it?",
+            "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack from trim. What is the longest unit on "
+            "the slider that keeps it?",
             page.number_field("s"),
             lambda value: close(value, lab.longest_unit(10.0), 1e-6),
             "The largest angle of attack stands under the table.",
-            "Longer units have smaller sigmas, and drive the aircraft to where the linear model no longer holds. Amplitude and unit are bought with alpha.",
+            "Longer units have smaller sigmas, and drive the aircraft to where the linear model no longer holds. Amplitude and unit are "
+            "bought with alpha.",
         ),
         "alone": page.Question(
             "3-2-1-1, 6 deg, 0.5 s, 100 Hz, but α alone. Which numbers are still known to better than 0.2 %?",
             page.choice(["C_Lα and C_mq", "natural frequency and damping ratio", "C_Lq alone", "none"]),
             lambda value: value == "natural frequency and damping ratio",
             "Look at the sigmas in per cent, and at the line below the table.",
-            "One output shows the swing, and the swing shows two numbers: the sum of two dampings, not its parts. C_Lα and C_mq stay near their priors.",
+            "One output shows the swing, and the swing shows two numbers: the sum of two dampings, not its parts. C_Lα and C_mq stay near "
+            "their priors.",
         ),
         "rate": page.Question(
             "Both outputs again, 25 samples a second: C_mα is 18 sigmas off. At 20 a second all is well. What is wrong at 25?",
@@ -183,7 +196,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Under which conditions would you rather fly a frequency sweep? What does a test pilot fly by hand when you ask for a 3-2-1-1, and does it matter, as long as the recorder
+    Under which conditions would you rather fly a frequency sweep? What does a test pilot fly by hand when you ask for a 3-2-1-1, and does it matter,
+    as long as the recorder
     sees the surface?
     """)
     return

@@ -22,7 +22,8 @@ def _(page):
     page.heading(
         3,
         "Flexibility and what a rigid model absorbs",
-        """To see which derivatives a rigid model finds on the record of a flexible aircraft, why they are not those of the rigid aircraft, how the residual betrays the
+        """To see which derivatives a rigid model finds on the record of a flexible aircraft, why they are not those of the rigid aircraft, how the
+        residual betrays the
         missing modes, and what process noise can and cannot mend.""",
     )
     return
@@ -33,25 +34,32 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    The structure of a large aircraft bends under its loads. In modal coordinates $\eta_i$ with in-vacuo frequencies $\omega_i$, dampings $\zeta_i$ and generalised masses $M_i$, each mode is
+    The structure of a large aircraft bends under its loads. In modal coordinates $\eta_i$ with in-vacuo frequencies $\omega_i$, dampings $\zeta_i$
+    and generalised masses $M_i$, each mode is
     an oscillator that the air drives,
 
-    $$ \ddot\eta_i + 2\zeta_i\omega_i\dot\eta_i + \omega_i^2\eta_i = \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q + C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
+    $$ \ddot\eta_i + 2\zeta_i\omega_i\dot\eta_i + \omega_i^2\eta_i = 
+    \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q
+    + C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
 
     and each drives the aircraft in turn: $C_L = \dots + C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\dot\eta_i$, and $C_m$ likewise.
 
-    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic, $\eta = -A^{-1}(b_\alpha\alpha + b_q q + b_\delta\delta_e)$, and vanish into the six
+    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic, $\eta = -A^{-1}(b_\alpha\alpha + b_q q
+    + b_\delta\delta_e)$, and vanish into the six
     derivatives, which are then called **condensed** (or quasi-static, or elastic equivalents):
 
     $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} - C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the others.} $$
 
     This is what a rigid model can absorb. It does not see a rigid aircraft that is hidden inside; it sees one whose wing has bent.
 
-    *What it cannot absorb* is that the structure lags: it needs time to bend, and it rings. The six derivatives then bend to imitate the lag, which is a bias against the condensed values, and
-    what they cannot imitate stands in the residual, about the frequencies of the modes. The *innovations* of a Kalman filter with a right model are white: uncorrelated, with the variance
+    *What it cannot absorb* is that the structure lags: it needs time to bend, and it rings. The six derivatives then bend to imitate the lag, which
+    is a bias against the condensed values, and
+    what they cannot imitate stands in the residual, about the frequencies of the modes. The *innovations* of a Kalman filter with a right model are
+    white: uncorrelated, with the variance
     the filter states. Ljung and Box's test asks for the first, the normalised innovations squared (NIS) for the second.
 
-    *Process noise* of density $Q$ on $\dot q$ tells the filter that its model lacks something. Its sigmas grow. It is no model of a mode, though: the missing force follows the elevator and is not white.
+    *Process noise* of density $Q$ on $\dot q$ tells the filter that its model lacks something. Its sigmas grow. It is no model of a mode, though: the
+    missing force follows the elevator and is not white.
     """)
     return
 
@@ -101,7 +109,8 @@ def _(command, controls, lab, mo, page, sigmas_off):
                 ["derivative, 1/rad", "rigid", "condensed", "estimate", "sigma", "estimate against rigid", "against condensed, sigmas"], _rows
             ),
             mo.md(
-                f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic modes from {lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
+                f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic modes from "
+                f"{lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
                 f"Tests of the innovations: {_tests}."
             ),
             page.command_line(command("run", lab.SCENARIO, asked)),
@@ -168,7 +177,8 @@ def _(close, lab, page):
             page.number_field("(deg/s)²/s"),
             lambda value: value == lab.enough_noise(),
             "Move the second slider step by step.",
-            "All tests pass, and C_mq is still three sigmas off: the missing force follows the elevator. Too much noise fails the tests again, on the other side.",
+            "All tests pass, and C_mq is still three sigmas off: the missing force follows the elevator. Too much noise fails the tests "
+            "again, on the other side.",
         ),
         "mends": page.Question(
             "What has the process noise mended?",
@@ -195,7 +205,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Move the unit of the 3-2-1-1 so that its spectrum has a gap at the first mode (lab 2 shows spectra), or a peak. What does that do to the bias? `flightid run flexibility-sweep` goes
+    Move the unit of the 3-2-1-1 so that its spectrum has a gap at the first mode (lab 2 shows spectra), or a peak. What does that do to the bias?
+    `flightid run flexibility-sweep` goes
     through fourteen structures at once; `flightid run trace-elastic` lets the tracing loop find the mode.
     """)
     return

@@ -23,7 +23,8 @@ def _(page):
     page.heading(
         4,
         "An augmented aircraft and its equivalent system",
-        """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system, and to read from it what
+        """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system,
+        and to read from it what
         the pilot will say.""",
     )
     return
@@ -34,25 +35,34 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$, an eigenvalue $\lambda > 0$, and doubles every disturbance in $t_2 = \ln 2 / \lambda$. A digital
-    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of whole frames give the closed loop some thirty states.
+    A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$, an eigenvalue $\lambda > 0$,
+    and doubles every disturbance in $t_2 = \ln 2 / \lambda$. A digital
+    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of whole frames give the closed
+    loop some thirty states.
 
-    The pilot feels none of them. He moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES) is that:
+    The pilot feels none of them. He moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES)
+    is that:
 
     $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
        \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
 
-    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight numbers for thirty states. Its transfer function from stick to pitch rate is
+    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight numbers for thirty states. Its transfer function from stick to
+    pitch rate is
 
-    $$ \frac{q}{\delta_p}(s) = \frac{M_\delta (s - L_\alpha) + M_\alpha L_\delta}{s^2 - (L_\alpha + M_q)s + L_\alpha M_q - L_q M_\alpha}\;\frac{e^{-s t_d}}{\tau s + 1} . $$
+    $$ \frac{q}{\delta_p}(s) = \frac{M_\delta (s - L_\alpha) + M_\alpha L_\delta}{s^2 - (L_\alpha + M_q)s + L_\alpha M_q - L_q M_\alpha}\;
+    \frac{e^{-s t_d}}{\tau s + 1} . $$
 
-    Its $M_\alpha$ is *not* the airframe's. It has the sign and the size that the control law gives, and it is what flying-qualities requirements are written for.
+    Its $M_\alpha$ is *not* the airframe's. It has the sign and the size that the control law gives, and it is what flying-qualities requirements are
+    written for.
 
-    *Where the delay comes from.* Each filter and actuator of the loop adds phase lag. Over the pilot's band, below some 10 rad/s, phase that falls in proportion to frequency is a delay:
-    $\varphi = -\omega t_d$. Lag and delay trade against each other: to first order only their sum $t_d + \tau$ is seen. MIL-F-8785C allows an equivalent delay of 0.10 s for Level 1, 0.20 s for Level 2
+    *Where the delay comes from.* Each filter and actuator of the loop adds phase lag. Over the pilot's band, below some 10 rad/s, phase that falls in
+    proportion to frequency is a delay:
+    $\varphi = -\omega t_d$. Lag and delay trade against each other: to first order only their sum $t_d + \tau$ is seen. MIL-F-8785C allows an
+    equivalent delay of 0.10 s for Level 1, 0.20 s for Level 2
     and 0.25 s for Level 3; damping and the control anticipation parameter (CAP) have levels of their own.
 
-    *What a linear equivalent cannot hold.* Break-out of the stick, a curved stick gain, rate limits: the equivalent then changes with the size of the input.
+    *What a linear equivalent cannot hold.* Break-out of the stick, a curved stick gain, rate limits: the equivalent then changes with the size of the
+    input.
     """)
     return
 
@@ -94,13 +104,16 @@ def _(command, controls, lab, mo, page, seed):
     mo.vstack(
         [
             mo.md(
-                f"**Airframe without its control law:** M_α = {_flight.M_alpha:+.1f} 1/s², eigenvalues {', '.join(f'{v:+.2f}' for v in lab.bare_airframe(study.flown))} 1/s: "
+                f"**Airframe without its control law:** M_α = {_flight.M_alpha:+.1f} 1/s², eigenvalues "
+                f"{', '.join(f'{v:+.2f}' for v in lab.bare_airframe(study.flown))} 1/s: "
                 f"a disturbance doubles in **{lab.doubling_time(study.flown):.2f} s**."
             ),
             page.table(["equivalent system", "unit", "from the record", "sigma", "from the loop's frequency response"], _rows),
             mo.md(
-                f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, damping ratio **{lab.quality(study, 'damping_ratio'):.3f}**, delay and lag together "
-                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, category {lab.CATEGORY}: {_judged}. Tests of the residual: {_tests}."
+                f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, damping ratio "
+                f"**{lab.quality(study, 'damping_ratio'):.3f}**, delay and lag together "
+                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, category {lab.CATEGORY}: {_judged}. Tests of the "
+                f"residual: {_tests}."
             ),
             page.command_line(
                 command("simulate", lab.SCENARIO, asked, "--seed", str(seed.value), "--out", "flight.csv")
@@ -151,7 +164,8 @@ def _(close, lab, page):
             page.number_field("1/s²"),
             lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
             "The first column of numbers, with its sign.",
-            "Static stability made by software. A record of stick and response alone says nothing of the airframe: for that the surfaces must be recorded too.",
+            "Static stability made by software. A record of stick and response alone says nothing of the airframe: for that the surfaces "
+            "must be recorded too.",
         ),
         "level": page.Question(
             "Which Level does the equivalent *delay* (not lag and delay together) of airframe F allow by MIL-F-8785C?",
@@ -172,7 +186,8 @@ def _(close, lab, page):
             page.number_field("%"),
             lambda value: close(value, 100 * (1 - lab.numbers(dead_band=0.4)["M_delta"] / lab.numbers(dead_band=0.0)["M_delta"]), 0.05),
             "M_δ at 0.4 in over M_δ at 0, from 1.",
-            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a smaller gain, and no test objects. Smooth stick inputs would show it.",
+            "As good as 0.4 of 1 inch: a square-edged input through a break-out looks like a smaller gain, and no test objects. Smooth stick "
+            "inputs would show it.",
         ),
         "order": page.Question(
             "Take the noise away. How many of the tests of the residual fail now?",
@@ -197,7 +212,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    `flightid run x29-flight` fits the same record with a bank of nine filters, as NASA TM-101722 did in 1989, and compares flight with simulation; `flightid run trace-breakout` lets the tracing
+    `flightid run x29-flight` fits the same record with a bank of nine filters, as NASA TM-101722 did in 1989, and compares flight with simulation;
+    `flightid run trace-breakout` lets the tracing
     loop find a large break-out. Could you watch such estimates while the aircraft flies? `flightid watch` does.
     """)
     return

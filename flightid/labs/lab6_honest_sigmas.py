@@ -21,7 +21,8 @@ def _(page):
     page.heading(
         6,
         "Honest sigmas",
-        """To judge an estimator by the only test there is for its standard deviations: fly the same flight many times and compare how much the estimates scatter with how much they
+        """To judge an estimator by the only test there is for its standard deviations: fly the same flight many times and compare how much the
+        estimates scatter with how much they
         are said to. Then to break the sigmas in three ways, and to mend them.""",
     )
     return
@@ -32,27 +33,34 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    An estimator returns $\hat\theta$ and a covariance $\hat P$. The sigma $\sqrt{\hat P_{ii}}$ is a *statement*: repeat the flight with other noise, and the estimates will scatter by so much about the truth. A
+    An estimator returns $\hat\theta$ and a covariance $\hat P$. The sigma $\sqrt{\hat P_{ii}}$ is a *statement*: repeat the flight with other noise,
+    and the estimates will scatter by so much about the truth. A
     **campaign** of $N$ runs tests it. With $e_i = \hat\theta_i - \theta$,
 
     $$ \text{bias} = \frac1N\sum e_i , \qquad \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , \qquad
        \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
 
-    Honest sigmas have scatter / sigma = 1 and a coverage of 95 %. With $N$ runs the coverage of one parameter is itself known to $\sqrt{0.95 \cdot 0.05/N}$ only: 3 % at 50 runs.
+    Honest sigmas have scatter / sigma = 1 and a coverage of 95 %. With $N$ runs the coverage of one parameter is itself known to $\sqrt{0.95 \cdot
+    0.05/N}$ only: 3 % at 50 runs.
 
-    *The least sigma there is.* The **Cramér-Rao bound** (lab 2) holds for every unbiased estimator whose model is right. It is computed here from differences of whole noise-free flights, without any estimator.
+    *The least sigma there is.* The **Cramér-Rao bound** (lab 2) holds for every unbiased estimator whose model is right. It is computed here from
+    differences of whole noise-free flights, without any estimator.
 
-    *What an estimator assumes.* Weights come from the noise it believes in: $R$ of the sensors, and $Q$ of what drives the states beside the input, as the air does,
+    *What an estimator assumes.* Weights come from the noise it believes in: $R$ of the sensors, and $Q$ of what drives the states beside the input,
+    as the air does,
 
     $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
-    If $R$ is wrong by a factor, sigma is wrong by its root. If forces act that nobody told the estimator of, the residual becomes **coloured**: each sample resembles the one before, and $n$ samples are worth
+    If $R$ is wrong by a factor, sigma is wrong by its root. If forces act that nobody told the estimator of, the residual becomes **coloured**: each
+    sample resembles the one before, and $n$ samples are worth
     far fewer than $n$. An estimator that counts them as $n$ independent ones is too sure.
 
-    *Mending it.* Tell the filter the right $Q$, and it weighs the data rightly: sigma *and* estimate improve. Or keep the estimator and correct its sigmas for the colour of the residual it left, as output error does here,
+    *Mending it.* Tell the filter the right $Q$, and it weighs the data rightly: sigma *and* estimate improve. Or keep the estimator and correct its
+    sigmas for the colour of the residual it left, as output error does here,
     with the residual's autocorrelation in the middle:
 
-    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} , \qquad M = \sum_i S_i^T R^{-1} S_i . $$
+    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} ,
+    \qquad M = \sum_i S_i^T R^{-1} S_i . $$
     """)
     return
 
@@ -79,7 +87,8 @@ def _(controls, mo, page, runs):
             page.sliders(controls),
             runs,
             mo.md(
-                "Where process noise acts every run is a flight of its own: fifty take a few seconds. (Output error knows no process noise, whatever the third slider says.)"
+                "Where process noise acts every run is a flight of its own: fifty take a few seconds. "
+                "(Output error knows no process noise, whatever the third slider says.)"
             ),
         ]
     )
@@ -119,7 +128,8 @@ def _(command, controls, lab, mo, page, runs):
                 _rows,
             ),
             mo.md(
-                f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma intervals hold the truth (95 % interval {100 * _low:.0f} to {100 * _high:.0f} %; honest: 95 %); "
+                f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma intervals hold the truth (95 % interval "
+                f"{100 * _low:.0f} to {100 * _high:.0f} %; honest: 95 %); "
                 f"scatter over sigma **{many.pooled.scatter:.2f}**."
             ),
             page.command_line(command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")),
@@ -162,7 +172,8 @@ def _(close, lab, page):
             page.number_field("%"),
             lambda value: abs(value) <= 4,
             "Divide the fourth column by the sixth.",
-            "By next to nothing: this estimator wastes nothing, and it is honest. (It is a shade below the bound because it also has a prior, which the bound does not count.)",
+            "By next to nothing: this estimator wastes nothing, and it is honest. (It is a shade below the bound because it also has a "
+            "prior, which the bound does not count.)",
         ),
         "sensors": page.Question(
             "Believe in sensors twice as good as they are (0.5). What happens?",
@@ -179,14 +190,17 @@ def _(close, lab, page):
             "Its autocorrelation shows why: the residual is coloured. Real records in calm air do this too, for every model lacks something.",
         ),
         "corrected": page.Question(
-            "The same flight by output error, whose sigmas are corrected for the colour. How many per cent of the 2-sigma intervals hold the truth now?",
+            "The same flight by output error, whose sigmas are corrected for the colour. How many per cent of the 2-sigma intervals hold the "
+            "truth now?",
             page.number_field("%"),
             lambda value: abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3,
             "The line under the table.",
-            "From 39 to 77: better by far, and still not 95. The correction knows the colour only as well as one residual of one maneuver can show it.",
+            "From 39 to 77: better by far, and still not 95. The correction knows the colour only as well as one residual of one maneuver "
+            "can show it.",
         ),
         "right": page.Question(
-            "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has the *scatter* of C_Lq become smaller than when it was told nothing?",
+            "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has the *scatter* of C_Lq become smaller than "
+            "when it was told nothing?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(acting=0.1)["scatter of CL_q"] / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"], 0.1),
             "Divide the scatter at 0 told by the one at 0.1 told.",
@@ -221,7 +235,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    On measured data there is no truth and no campaign. What is left that tells whether your sigmas are honest? (Whiteness of the residual. Scatter from record to record. The prediction of a record that was not fitted.)
+    On measured data there is no truth and no campaign. What is left that tells whether your sigmas are honest? (Whiteness of the residual. Scatter
+    from record to record. The prediction of a record that was not fitted.)
     `flightid identify --method filter-error` finds the size of $Q$ from the record itself.
     """)
     return

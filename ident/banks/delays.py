@@ -51,6 +51,8 @@ class DelayBank:
         tells of contradicted priors.
     contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the start, with these sigmas. The start
         holds them back: they hang on it.
+    system : the one that gave ``estimate``, its priors as wide as they were made.
+    about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None where none was sound.
     """
 
     delays: np.ndarray
@@ -64,6 +66,8 @@ class DelayBank:
     at_edge: bool
     estimate: Estimate
     contradicted: tuple[tuple[str, float], ...]
+    system: System
+    about: np.ndarray | None
 
 
 def run_delay_bank(
@@ -116,8 +120,9 @@ def run_delay_bank(
         estimate = replace(estimate, message=f"but far from the start, in sigmas of its prior: {told}; start again from this result")
     if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
         estimate = _with_delay(estimate, name, system.parameters[name].unit, found, len(system.states))
-    mean = float(weights @ grid)
-    return DelayBank(grid, bank.log_likelihood, weights, bank, float(grid[best]), mean, found.delay, found.std, found.std == 0.0, estimate, held_back)
+    mean, nearest = float(weights @ grid), None if found.about is None else found.about[:, :, 0]
+    judged = (grid, bank.log_likelihood, weights, bank, float(grid[best]), mean)
+    return DelayBank(*judged, found.delay, found.std, found.std == 0.0, estimate, held_back, system, nearest)
 
 
 def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:

@@ -9,7 +9,7 @@ the rows from there on are filtered again without it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ class BankState(NamedTuple):
     ----------
     mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in ``BankEstimate``.
     innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was measured.
+    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was measured.
     skipped : ``(m,)`` samples of this row that were taken for spikes; streak : ``(m,)`` how many in a row.
     rows_seen : rows so far.
     past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
@@ -50,6 +51,7 @@ class BankState(NamedTuple):
     log_likelihood: np.ndarray
     sound: np.ndarray
     innovation: np.ndarray
+    expected: np.ndarray
     skipped: np.ndarray
     streak: np.ndarray
     rows_seen: int
@@ -75,7 +77,8 @@ class BankState(NamedTuple):
 class OnlineBank:
     """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its equations, and the start.
 
-    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``gate`` is in standard deviations, ``interval`` in s.
+    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start`` is ``(n,)`` for all filters or ``(n, B)``;
+    ``gate`` is in standard deviations, ``interval`` in s; ``memory`` (s) is how far back the recent inputs are kept.
     """
 
     system: System
@@ -88,6 +91,7 @@ class OnlineBank:
     covariance: np.ndarray
     gate: float
     interval: float
+    memory: float
 
     @property
     def R(self) -> np.ndarray:
@@ -134,16 +138,24 @@ def online_bank(system: System, interval: float, delays: Sequence[float] = DELAY
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
     units = tuple(system.parameters[each].unit for each in free_names)
-    return OnlineBank(system, (*system.state_names, *free_names), units, grid, p, tables, start, np.diag(np.square(std)), gate, interval)
+    names, memory = (*system.state_names, *free_names), float(grid.max())
+    return OnlineBank(system, names, units, grid, p, tables, start, np.diag(np.square(std)), gate, interval, memory)
+
+
+def with_delays(bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None) -> OnlineBank:
+    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and starts ``(n,)`` or ``(n, B)`` where given."""
+    # The delays are the only held value that is an array.
+    p = [delays if np.ndim(value) else value for value in bank.p]
+    return replace(bank, delays=delays, p=p, start=bank.start if start is None else start, memory=max(bank.memory, float(delays.max())))
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
     """The state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
-    x = np.repeat(bank.start[:, None], B, axis=1)
+    x = np.array(np.broadcast_to(bank.start if bank.start.ndim == 2 else bank.start[:, None], (len(bank.names), B)))
     P = np.array(np.broadcast_to(bank.covariance, (B, *bank.covariance.shape)), order="C")
     silent, none = np.full(m, np.nan), np.zeros(m, dtype=bool)
-    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
+    before = BankState(x, P, np.zeros(B), np.ones(B, dtype=bool), silent, silent, none, np.zeros(m, dtype=int), 0, rows.time[:0], rows.inputs[:, :0])
     way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
     return _through(bank, before, way, rows.outputs)[0]
 
@@ -163,7 +175,7 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
-    oldest = np.maximum(np.searchsorted(time, time[at] - bank.delays[-1], side="right") - 1, 0)
+    oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
     way = _Way(time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist())
     return _through(bank, state, way, rows.outputs)
 
@@ -217,6 +229,7 @@ class _Judged(NamedTuple):
     """What was found of one row's samples before spikes were left out, ``(m,)`` each as in ``BankState``."""
 
     innovation: np.ndarray
+    expected: np.ndarray
     skipped: np.ndarray
     streak: np.ndarray
 
@@ -234,17 +247,18 @@ def _filtered(
     likely = np.concatenate([before.log_likelihood[None], total[:-1]]).argmax(axis=1)
     chosen = done.innovation[np.arange(len(likely)), likely]
     sizes = np.where(valid.T, chosen[:, :, 0] / np.sqrt(np.diagonal(chosen[:, :, 1:], axis1=1, axis2=2)), np.nan)
+    expected = np.where(valid.T, z.T - chosen[:, :, 0], np.nan)
     wild, none = np.abs(sizes) > bank.gate, np.zeros(len(z), dtype=bool)
     suspicious, streak = bool(wild.any() or before.streak.any()), before.streak
     states: list[BankState] = []
     mean, covariance, seen = before.mean, before.covariance, before.rows_seen
     every = bool(good[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        found = _Judged(sizes[k], none, streak)
+        found = _Judged(sizes[k], expected[k], none, streak)
         if k == 0 and judged is not None:
             found = judged
         elif suspicious and valid[:, k].any():
-            found = _Judged(sizes[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
+            found = _Judged(sizes[k], expected[k], wild[k] & (streak < LONGEST_SPIKE), np.where(wild[k], streak + 1, 0))
             if found.skipped.any():
                 return states, found
         streak = found.streak

@@ -41,17 +41,17 @@ def request_of(
     fitted, predicted = _listed(records), _listed(validate)
     if not fitted:
         raise RecordError("no record is given", where="records", remedy="give one at least")
-    opened = [_file_of(each) for each in (*fitted, *predicted)]
+    opened = [file_of(each) for each in (*fitted, *predicted)]
     refuse_twice([file for file in opened if file.in_memory])
     files = numbered_apart(opened)
     choices = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
-    asked = _model_of(model)
+    asked = model_of(model)
     return Request(
         tuple(files[: len(fitted)]),
         asked,
         source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else vehicle_beside(files[0]),
         tuple(files[len(fitted) :]),
-        Path(effects) if isinstance(effects, str | PathLike) else None if effects is None else tuple(effects),
+        effects_of(effects),
         choices,
         plan,
         effort,
@@ -65,8 +65,16 @@ def plan_from(start: Times, stop: Times, hold: str | None, rate: float | None, l
     return plan_of(_times(start), _times(stop), hold, rate, lowpass, trusted=trust_record)
 
 
-def _model_of(given: Declared) -> str | OwnModel:
+def model_of(given: Declared) -> str | OwnModel:
+    """A model's name, a path, or a user's model that was made in Python. Raises DeclarationError."""
     return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
+
+
+def effects_of(given: str | PathLike[str] | Sequence[Traceable] | None) -> Path | tuple[Traceable, ...] | None:
+    """Effects of a user's own, or the path of their file."""
+    if given is None:
+        return None
+    return Path(given) if isinstance(given, str | PathLike) else tuple(given)
 
 
 def _times(given: Times) -> list[float] | None:
@@ -82,7 +90,8 @@ def _listed(given: Source | Sequence[Source]) -> list[Source]:
     return list(given) if isinstance(given, list | tuple) else [given]
 
 
-def _file_of(given: Source) -> RecordFile:
+def file_of(given: Source) -> RecordFile:
+    """The record file of what stands for a record. Raises RecordError."""
     if isinstance(given, str | PathLike):
         return read_record_file(Path(given))
     return (given if isinstance(given, Record) else read_record(given)).file

@@ -31,13 +31,13 @@ class Write(Protocol):
 class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
 
-    ``text``: what is printed where the output is no terminal. ``page``: its folder holds a page to begin with. ``counted``: the share done
-    that it tells is a measure of its time, as that of a search is not.
+    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal. ``page``: its
+    folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
     write: Write
-    show: Callable[[Any], None]
+    show: Callable[[Any, str], None]
     text: Callable[[Any], str]
     page: bool = False
     counted: bool = True
@@ -64,7 +64,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
         sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed, progress)
         return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
-    return Runner(run, write_study, print_study, _as_text(print_study))
+    return Runner(run, write_study, _on_console(print_study), _as_text(print_study))
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:
@@ -95,7 +95,7 @@ def _loop(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.x29.study import loop_scenario, run_loop
 
     scenario = loop_scenario(name, changes)
-    return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, print_loop, _as_text(print_loop))
+    return Runner(lambda seed, progress: run_loop(scenario, seed), write_loop, _on_console(print_loop), _as_text(print_loop))
 
 
 def _flown_only(name: str, changes: Sequence[str]) -> Runner:
@@ -116,13 +116,18 @@ def _as_text(show: Callable[[Any, Console], None]) -> Callable[[Any], str]:
     return text
 
 
-def _printed(text: Callable[[Any, int], str]) -> Callable[[Any], None]:
+def _on_console(show: Callable[..., None]) -> Callable[[Any, str], None]:
+    """Prints a study with rich, and where its details are."""
+    return lambda study, details: show(study, details=details)
+
+
+def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]:
     """Prints a study's text as wide as the terminal is."""
 
-    def show(study: Any) -> None:
+    def show(study: Any, details: str) -> None:
         from scenarios.terminal.paragraphs import terminal_width
 
-        print(text(study, terminal_width()), end="")
+        print(text(study, terminal_width(), details), end="")
 
     return show
 

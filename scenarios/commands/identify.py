@@ -8,7 +8,6 @@ from pathlib import Path
 from scenarios.identification.result import PLAIN, Options
 from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
-from scenarios.terminal.summary import details_in
 
 ALL = "all"  # of --profile: every parameter
 
@@ -27,6 +26,7 @@ def identify_records(
     from scenarios.identification.from_files import identify_files
     from scenarios.identification.report.text import print_identification
     from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
+    from scenarios.terminal.summary import details_in
 
     if matrices is not None:
         ours = [out / "comparison.json", out / "record.csv"] if out is not None else []

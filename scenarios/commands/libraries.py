@@ -6,10 +6,15 @@ import math
 import textwrap
 from typing import TYPE_CHECKING
 
+from scenarios.terminal.display_units import shown_in, unit_cell
+from scenarios.terminal.paragraphs import folded, print_paragraph, terminal_width
+from scenarios.terminal.tables import Column, columns_of, print_table, table_lines
+
 if TYPE_CHECKING:
     from sim.declaration.effect import Effect
 
 COLUMNS = 80  # of a terminal, which a list fits
+UNLIMITED = 1e9  # in SI: what effects write for no bound
 
 
 def list_scenarios() -> None:
@@ -45,20 +50,29 @@ def show_effects(name: str | None) -> None:
     effect, other = _effect_of_any_model(name)
     if other:
         print(other)
-    print(f"{effect.name}  ({effect.station.value})\n")
-    print(textwrap.fill(" ".join(effect.explanation.split()), 100))
-    print(f"\nabsent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}")
-    if effect.aliases:
-        print(f"hard to tell from {', '.join(effect.aliases)}")
-    print("\nparameters:")
-    for item in effect.parameters:
-        print(
-            f"  {item.name:20} {item.unit if item.unit != '1' else '-':8} start {item.value:.3g}{_range(item.bounds)}{_believed(effect, item.name)}"
-        )
+    width = min(terminal_width(), 100)
+    absent = f"absent when {', '.join(f'{key} = {value:g}' for key, value in effect.absent.items())}; {effect.regularity.value}"
+    alike = folded(f"hard to tell from {', '.join(effect.aliases)}", width) if effect.aliases else []
+    lines = [f"{effect.name}  ({effect.station.value})", "", *folded(" ".join(effect.explanation.split()), width), "", *folded(absent, width), *alike]
+    lines += ["", "parameters:", *table_lines(_parameters(effect), width=width)]
     if isinstance(effect, Refinable):
         known = {item.name for item in effect.parameters}
         more = [f"{item.name} ({item.unit})" if item.unit != "1" else item.name for item in effect.finer().parameters if item.name not in known]
-        print(f"\na freer form of it, tried where this one is found, adds {', '.join(more)}")
+        lines += ["", *folded(f"a freer form of it, tried where this one is found, adds {', '.join(more)}", width)]
+    print("\n".join(lines))
+
+
+def _parameters(effect: Effect) -> list[Column]:
+    """Start, bounds and what is believed without asking, of each parameter."""
+    shown = [shown_in(item.unit, item.name) for item in effect.parameters]
+    items = list(zip(effect.parameters, shown, strict=True))
+    return [
+        Column("parameter", [item.name for item in effect.parameters], left=True),
+        Column("unit", [unit_cell(unit) for _, unit in shown], left=True),
+        Column("start", [f"{factor * item.value:.3g}" for item, (factor, _) in items]),
+        Column("range", [_range(item.bounds, factor) for item, (factor, _) in items]),
+        Column("plausible", [_believed(effect, item.name, factor) for item, (factor, _) in items]),
+    ]
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
@@ -77,8 +91,6 @@ def _effect_of_any_model(name: str) -> tuple[Effect, str]:
 def show_vehicles(name: str | None, other: str | None) -> None:
     """All vehicles, one number by number, or what differs between two."""
     from scenarios.terminal.numbers import console
-    from scenarios.terminal.paragraphs import print_paragraph
-    from scenarios.terminal.tables import Column, columns_of, print_table
     from sim.errors import DeclarationError
     from sim.vehicles.data import difference
     from sim.vehicles.library import read_parameter_set, vehicle_names
@@ -116,16 +128,16 @@ def _first_clause(text: str) -> str:
     return " ".join(text.split()).split(". ")[0].split(": ")[0].rstrip(".")
 
 
-def _range(bounds: tuple[float, float]) -> str:
-    low, high = bounds
+def _range(bounds: tuple[float, float], factor: float) -> str:
+    low, high = (factor * end if abs(end) < UNLIMITED else math.copysign(math.inf, end) for end in bounds)
     if math.isfinite(low) and math.isfinite(high):
-        return f", from {low:g} to {high:g}"
-    return f", from {low:g} up" if math.isfinite(low) else f", up to {high:g}" if math.isfinite(high) else ""
+        return f"{low:.4g} to {high:.4g}"
+    return f"from {low:.4g} up" if math.isfinite(low) else f"up to {high:.4g}" if math.isfinite(high) else ""
 
 
-def _believed(effect: Effect, name: str) -> str:
+def _believed(effect: Effect, name: str, factor: float) -> str:
     """The range within which a value is believed without asking."""
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
-    return f"; plausible {ranges[name][0]:g} to {ranges[name][1]:g}" if name in ranges else ""
+    return f"{factor * ranges[name][0]:.4g} to {factor * ranges[name][1]:.4g}" if name in ranges else ""

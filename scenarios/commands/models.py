@@ -100,7 +100,7 @@ def _print_block(heading: str, entries: Sequence[str]) -> None:
 
 def print_checks(model: Model) -> None:
     """What a user's model can be asked before there is a record. Raises ModelError where arrays or complex steps do not pass through it."""
-    from scenarios.identification.model_checks import SHAPE, excited, one_by_one, steps_against_differences, unknown_units
+    from scenarios.identification.own_model.model_checks import SHAPE, excited, one_by_one, steps_against_differences, unknown_units
 
     labels = unknown_units(model)
     print("units: " + (f"no conversion for {', '.join(labels)}: columns of a record carry the same or none" if labels else "all known"))

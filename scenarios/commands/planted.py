@@ -39,6 +39,7 @@ def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, cha
     from scenarios.terminal.progress import progress_bar
     from scenarios.trials.planted.campaign import fly_trace_campaign
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
+    from scenarios.trials.planted.page import campaign_page
     from scenarios.trials.planted.schema import trace_scenario_of
 
     scenario = trace_scenario_of(*load_document(name, changes))
@@ -49,7 +50,7 @@ def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, cha
     with stopped_after(len(done.seeds), runs, out):
         print(trace_campaign_text(scenario, done.found, done.words), end="")
         if out is not None:
-            write_trace_campaign(scenario, done.found, out, done.content)
+            write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done.found, done.words))
             print(f"written to {out}")
 
 

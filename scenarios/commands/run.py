@@ -14,6 +14,7 @@ from scenarios.commands.standin import simulate_standin
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import details_in
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def run_scenarios(
                 study = _studied(runner, name, seed, folder, figures, tell)
         except KeyboardInterrupt as stopped:
             raise KeyboardInterrupt("; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))) from None
-        runner.show(study)
+        runner.show(study, details_in(folder if told else None, "report.html" if runner.page else ""))
         if folder is not None and told:
             print(f"written to {folder}; begin with {folder / 'report.html'}" if runner.page else f"written to {folder}")
 

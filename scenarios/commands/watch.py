@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from scenarios.watching.estimates import so_far
 from scenarios.watching.history import History
 from scenarios.watching.lines import Lines, Read, growing_file, lines_of, standard_input
 from scenarios.watching.reference import read_reference
 from scenarios.watching.rows import Fault, at_end
-from scenarios.watching.session import Session, Step, likely_estimate, record_of, start, take
-from scenarios.watching.session import derived_so_far as derived_of_session
+from scenarios.watching.session import Session, Step, record_of, start, take
 from scenarios.watching.show import display, print_end
-from scenarios.watching.stream import Watch, pieces, report, rows_in, session_of
+from scenarios.watching.stream import STOPPED, Watch, pieces, report, rows_in, session_of
 from scenarios.watching.study import Outcome, refuse_overwriting, write_watch
 from scenarios.watching.table import standings
 from sim.errors import DeclarationError, FlightidError, RecordError
 from sim.record import Hold
+
+if TYPE_CHECKING:
+    from scenarios.watching.page.follow import Follow
 
 PIPE = "-"
 WATCHED = ("loes",)  # models of which a stream can be identified
@@ -36,39 +40,63 @@ def watch_stream(
     idle: float | None,
     until_end: bool,
     refine: bool,
+    page: bool = False,
+    port: int | None = None,
 ) -> None:
-    """Follow the stream to its end, then print, and write where a folder is named."""
+    """Follow the stream to its end, then print, and write where a folder is named; with a ``page`` serve it until Ctrl-C."""
+    if port is not None and not page:
+        raise DeclarationError("there is no page to serve", where="--port", remedy="add --page")
     if model not in WATCHED:
         raise DeclarationError(f"there is no model {model!r} for a stream", where="--model", remedy=f"use {', '.join(WATCHED)}")
-    watch = _prepared(record, vehicle, reference, channels)
+    watch = _prepared(record, vehicle, reference, channels, refine)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
     limit = idle if idle is not None else None if record == PIPE else FILE_IDLE
-    with _source(record, until_end) as read, History(out) if out is not None else nullcontext() as history:
-        _follow(watch, lines_of(read, limit, watch.name), history)
+    with ExitStack() as open_until_done:
+        read = open_until_done.enter_context(_source(record, until_end))
+        follow = open_until_done.enter_context(_page(watch, port)) if page else None
+        history = open_until_done.enter_context(History(out)) if out is not None else None
+        _follow(watch, lines_of(read, limit, watch.name), history, follow)
         session = session_of(watch)
         if session.bank is None:
             _written(history, session, start(session))
-        end = _finished(watch, session, refine)
+        end = _finished(watch, session, refine and not (page and watch.stopped))
         if out is not None and history is not None:
             write_watch(out, session, watch.reference, end, history, Path(record).name if record != PIPE else watch.name)
-    print_end(watch, session, end)
-    if out is not None:
-        print(f"written to {out}")
+        print_end(watch, session, end)
+        if out is not None:
+            print(f"written to {out}", flush=True)
+        if follow is not None:
+            _stay(watch, session, end, follow)
 
 
-def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None) -> Watch:
+def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
+    from scenarios.watching.page.follow import served
+
+    return served(watch, port)
+
+
+def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
+    """The page shows the end until Ctrl-C; a stream that was stopped by Ctrl-C has had it."""
+    from scenarios.watching.page.follow import until_interrupted
+
+    follow.end(session, end)
+    if not watch.stopped:
+        until_interrupted()
+
+
+def _prepared(record: str, vehicle: Path | None, reference: Path | None, channels: Path | None, refine: bool = True) -> Watch:
     from scenarios.files.channels import read_channel_map
     from scenarios.files.measured.sidecar import read_sidecar
 
     known = read_reference(reference) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
     if record == PIPE:
-        return Watch("standard input", vehicle, known, choices, {})
+        return Watch("standard input", vehicle, known, choices, {}, refine)
     sidecar = read_sidecar(Path(record))
     if sidecar.hold is not Hold.PREVIOUS:
         raise RecordError("its inputs are linear between samples", where=record, remedy="a stream holds them; use flightid identify")
-    return Watch(record, vehicle, known, choices, sidecar.units)
+    return Watch(record, vehicle, known, choices, sidecar.units, refine)
 
 
 @contextmanager
@@ -80,9 +108,15 @@ def _source(record: str, until_end: bool) -> Iterator[Read]:
         yield read
 
 
-def _follow(watch: Watch, lines: Iterator[Lines], history: History | None) -> None:
+def _follow(watch: Watch, lines: Iterator[Lines], history: History | None, follow: Follow | None = None) -> None:
     """Take lines until the stream ends or Ctrl-C."""
-    with display(watch) as show:
+    with display(watch) as table:
+
+        def show(steps: list[Step]) -> None:
+            table(steps)
+            if follow is not None:
+                follow(steps)
+
         try:
             for came in lines:
                 rows = rows_in(watch, came)
@@ -95,7 +129,7 @@ def _follow(watch: Watch, lines: Iterator[Lines], history: History | None) -> No
                     watch.line += 1
                     report(watch, [Fault(watch.line, "the stream ended in the middle of it")])
         except KeyboardInterrupt:
-            watch.reason = "stopped by the user"
+            watch.reason = STOPPED
         if watch.header is not None:
             rows, faults, watch.order = at_end(watch.order)
             report(watch, faults)
@@ -105,25 +139,25 @@ def _follow(watch: Watch, lines: Iterator[Lines], history: History | None) -> No
 
 def _written(history: History | None, session: Session, steps: list[Step]) -> None:
     if history is not None and session.bank is not None:
-        history.write(session.bank, steps)
+        history.write(session.bank, steps, session.refine)
 
 
 def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
     """The refinement over all rows where it is wanted and affordable, and the last estimates against the reference."""
     from scenarios.identification.low_order import identify_loes
 
-    bank, state, record = session.bank, session.state, record_of(session)
-    assert bank is not None and state is not None
-    online, weights, delay = likely_estimate(bank, state)
-    found = None
+    state, record = session.state, record_of(session)
+    assert session.bank is not None and state is not None
+    found, online = None, so_far(session)
     if refine and len(record) <= REFINED_ROWS and bool(state.sound.any()):
         try:
             found = identify_loes(record, session.vehicle)
         except KeyboardInterrupt:
-            watch.reason = "stopped by the user"
+            watch.reason = STOPPED
         except FlightidError as error:
             print(f"flightid: not refined: {error}", file=sys.stderr)
-    derived = derived_of_session(session, online, delay) if found is None else found.derived
-    last = online if found is None else found.estimate
-    items = standings(last, derived, watch.reference)
-    return Outcome(record, found, online, weights, derived, items, watch.left_out, watch.mended, session.spikes, watch.reason)
+    if found is None:
+        items = standings(online.estimate, online.derived, watch.reference, online.hanging)
+    else:
+        items = standings(found.estimate, found.derived, watch.reference)
+    return Outcome(record, found, online, session.bank.delays, items, watch.left_out, watch.mended, session.spikes, watch.reason)

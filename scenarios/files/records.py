@@ -83,10 +83,15 @@ def read_record(
 
 def window_of(file: RecordFile, start: float | None = None, stop: float | None = None) -> tuple[np.ndarray, slice]:
     """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their rows. Raises RecordError."""
-    column = _columns(file, [TIME], set(), file.choices, CHANNEL_UNITS)[TIME]
+    return _time(file.table, column_of(file, TIME), start, stop)
+
+
+def column_of(file: RecordFile, channel: str) -> Column:
+    """The column of one of our channels by the file's own channel map. Raises RecordError where there is none, as ``find_column`` else."""
+    column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
-        raise missing_column(TIME, file.table.header, file.table.file)
-    return _time(file.table, column, start, stop)
+        raise missing_column(channel, file.table.header, file.table.file)
+    return column
 
 
 def _columns(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.identification.assessment.prediction import RecordFit
-from scenarios.identification.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.plots.correlation import figure_correlation
 from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
@@ -21,18 +21,20 @@ from scenarios.plots.style import LABEL_SIZE, LIGHT, MEASURED, TRUE, finish, mak
 from sim.record import Record
 
 
-def identification_figures(found: Identification, measured: Record, data: str = MEASURED_DATA) -> Iterator[Named]:
+def identification_figures(
+    found: Identification, measured: Record, data: str = MEASURED_DATA, sensor_noise: Mapping[str, float] = MappingProxyType({})
+) -> Iterator[Named]:
     """The figures of an identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded.
 
-    ``data``: what the samples are called.
+    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
     """
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
     yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
-    # Bands are those of the sensors: what a coloured residual holds besides is no noise.
-    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True)) | estimated_noise(found)
-    yield "fit", partial(figure_fit, found.record, [response], None, title, noise, data)
-    yield from other_records(found, noise, data)
+    noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
+    sensors = {**noise, **sensor_noise}
+    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data)
+    yield from other_records(found, sensors, data)
     if found.band is not None and found.fits[0].figures is not None:
         yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
     if estimate.history is not None:

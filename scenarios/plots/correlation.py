@@ -38,7 +38,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
     height = max(n * cell, 1.2) + head + _COUNT + bottom
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     panel = figure.add_axes((left / width, bottom / height, n * cell / width, n * cell / height))
-    image = panel.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="nearest", aspect="auto")
+    image = panel.imshow(shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none", aspect="auto")
     number_size = min(TICK_SIZE, 27.0 * cell)
     for row, column in np.argwhere(below):
         value = matrix[row, column]

@@ -6,16 +6,17 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures
 from ident.tracing.prediction import predict
-from scenarios.diagnosis.candidates import read_effects
+from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.channels import read_channel_map
-from scenarios.files.measured.record_file import read_record_file
-from scenarios.files.own_models import channel_units
+from scenarios.files.measured.record_file import RecordFile, opened
+from scenarios.files.own_models import OwnModel, channel_units
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.identification.assessment.prediction import record_fits
@@ -34,14 +35,16 @@ from sim.record import Hold, Record
 
 @dataclass(frozen=True)
 class Asked:
-    """What a prediction is asked: a study folder, a record and how its columns are named; ``model`` and ``effects`` are a user's files, run."""
+    """What a prediction is asked: a study folder, a record and how its columns are named; ``model`` and ``effects`` are a user's files, run,
+    or what such files hold.
+    """
 
     study: Path
-    record: Path
-    channels: Path | None = None
+    record: Path | RecordFile
+    channels: Path | Mapping[str, Any] | None = None
     plan: Plan = field(default_factory=Plan)
-    model: Path | None = None
-    effects: Path | None = None
+    model: Path | OwnModel | None = None
+    effects: Path | tuple[Traceable, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +88,7 @@ def predict_record(asked: Asked) -> Prediction:
     vehicle = _vehicle(file, asked.model)
     model = model_of_file(vehicle)
     kept = file.model(_own_effects(file, asked.effects, model))
-    source = read_record_file(asked.record)
+    source = opened(asked.record)
     known = channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
     choices = read_channel_map(asked.channels, known) if asked.channels is not None else None
     reading, plan = kept.reading, _plan(kept, asked.plan)
@@ -98,7 +101,7 @@ def predict_record(asked: Asked) -> Prediction:
     channels = tuple(name for name in kept.after.outputs if name in record.output_names)
     if not channels:
         remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
-        raise RecordError("it has none of the study's outputs", where=str(asked.record), remedy=remedy)
+        raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
     before, after = (_by_diagnosis if kept.made_by == DIAGNOSE else _by_identification)(kept, declared, record)
     return Prediction(asked.study, kept, vehicle.name, record, source.identity, channels, after, before, ready.notes, _warnings(ready))
 
@@ -120,15 +123,18 @@ def _by_diagnosis(kept: KeptModel, declared: Model, record: Record) -> tuple[Sim
     return Simulation(rows.before, found.before), Simulation(rows.after, found.after if found.finite else None)
 
 
-def _vehicle(file: KeptFile, model: Path | None) -> VehicleFile:
+def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
     """The study's vehicle, from the text that it keeps; of a user's own model with the file that is named again."""
     own, text = file.file("model_file"), file.content["vehicle_text"]
-    chosen = file.content["model"]
+    chosen: str | OwnModel = file.content["model"]
     if own is not None:
         if model is None:
             what = f"the study's model is that of {own.name}, a file of a user's own, which is run only when it is named"
             raise DeclarationError(what, where="--model", remedy=f"add --model PATH/{own.name}")
-        chosen = _same(model, own, "--model")
+        chosen = model if isinstance(model, OwnModel) else _same(model, own, "--model")
+        if isinstance(model, OwnModel) and model.identity.sha256 != own.sha256:
+            what = f"{model.model.name} is not the {own.name} that the study was made with"
+            raise DeclarationError(what, where="--model", remedy="give that model as it was, or run the study again")
     elif model is not None:
         raise DeclarationError(f"the study's model is {chosen}, which is built in", where="--model", remedy="leave it out")
     if not text:
@@ -140,10 +146,12 @@ def _vehicle(file: KeptFile, model: Path | None) -> VehicleFile:
         return read_vehicle(path, chosen)
 
 
-def _own_effects(file: KeptFile, effects: Path | None, model: Model) -> Sequence[Traceable]:
+def _own_effects(file: KeptFile, effects: Path | tuple[Traceable, ...] | None, model: Model) -> Sequence[Traceable]:
     known = file.file("effects_file")
     if effects is None:
         return ()
+    if not isinstance(effects, Path):
+        return checked_effects(effects, model, "effects")
     if known is None:
         raise DeclarationError("the study was made without effects of one's own", where="--effects", remedy="leave it out")
     return read_effects(_same(effects, known, "--effects"), model)

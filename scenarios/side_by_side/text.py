@@ -10,6 +10,7 @@ from rich.console import Console
 from scenarios.side_by_side.comparison import SideBySide
 from scenarios.side_by_side.value import Column as Study
 from scenarios.side_by_side.value import Value
+from scenarios.terminal.display_units import shown_in, unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.paragraphs import print_paragraph
 from scenarios.terminal.quantities import determined
@@ -51,14 +52,24 @@ def _print(
     out: Console, compared: SideBySide, title: str, names: Sequence[str], cell: Callable[[Value], str], further: Sequence[Column] = ()
 ) -> None:
     """One table, in as many blocks as the terminal's width asks for. Rows that say nothing are left out."""
-    names = [name for name in names if any(_cell(compared.value(name, study), cell) != "-" for study in compared.columns)]
+    names = [name for name in names if any(_cell(_shown(compared, name, study), cell) != "-" for study in compared.columns)]
     if not names:
         return
-    fixed = [Column("parameter", names, left=True), Column("unit", [compared.unit(name) for name in names], left=True), *further]
-    rest = [Column(study.label, [_cell(compared.value(name, study), cell) for name in names]) for study in compared.columns]
+    fixed = [
+        Column("parameter", names, left=True),
+        Column("unit", [unit_cell(shown_in(compared.unit(name), name).unit) for name in names], left=True),
+        *further,
+    ]
+    rest = [Column(study.label, [_cell(_shown(compared, name, study), cell) for name in names]) for study in compared.columns]
     rest = [column for column in rest if set(column.cells) != {"-"}]
     out.print()
     print_table(out, title, [*fixed, *rest], keys=2)
+
+
+def _shown(compared: SideBySide, name: str, study: Study) -> Value | None:
+    """What a study says of a parameter, in the unit in which it is shown."""
+    value = compared.value(name, study)
+    return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _values(compared: SideBySide) -> list[tuple[Study, Value]]:
@@ -71,7 +82,7 @@ def _common_truth(compared: SideBySide, names: Sequence[str]) -> list[float | No
     """The true value of each quantity where all studies that state one state the same."""
     out: list[float | None] = []
     for name in names:
-        told = {value.true for study in compared.columns if (value := compared.value(name, study)) is not None and value.true is not None}
+        told = {value.true for study in compared.columns if (value := _shown(compared, name, study)) is not None and value.true is not None}
         out.append(told.pop() if len(told) == 1 else None)
     return out
 

@@ -39,6 +39,12 @@ class Value:
         """Error in the study's own standard deviations; None without a reference or a deviation."""
         return None if self.reference is None or not self.std > 0.0 else (self.estimate - self.reference) / self.std
 
+    def in_unit(self, factor: float, unit: str) -> Value:
+        """The same, all numbers times ``factor``, in another ``unit``."""
+        true, condensed = (factor * each if each is not None else None for each in (self.true, self.condensed))
+        published = (factor * self.published[0], factor * self.published[1]) if self.published is not None else None
+        return Value(factor * self.estimate, factor * self.std, unit, true, condensed, published)
+
     @property
     def published_value(self) -> Value | None:
         """The published number as a value of its own, held against the same."""

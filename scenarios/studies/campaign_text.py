@@ -12,8 +12,12 @@ from rich.console import Console
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.report.campaign import campaign_page
+from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
@@ -27,7 +31,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     spreads = (*campaign.spreads, campaign.pooled)
     sizes = [
         Column("parameter", [s.name for s in spreads], left=True),
-        Column("unit", [s.unit for s in spreads], left=True),
+        Column("unit", [unit_cell(s.unit) for s in spreads], left=True),
         Column("reference", [f"{s.reference:.5g}" for s in spreads]),
         Column("bias", [number(s.bias, s.scatter) for s in spreads]),
         Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
@@ -38,17 +42,17 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
         Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
-    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled" + (f", {campaign.broken} broke down" if campaign.broken else "")
-    low, high = (100 * edge for edge in campaign.pooled.interval)
-    inside = f"within 2 sigma {100 * campaign.pooled.within_two:.1f} % (95 % interval {low:.1f} to {high:.1f} %)"
-    print_summary(terminal, Summary(title, settled, f"{inside}, within 1 sigma {100 * campaign.pooled.within_one:.1f} %", details=details))
+    pooled, low_high = campaign.pooled, " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval)
+    settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled"
+    result = f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 sigma {100 * pooled.within_one:.1f} %"
+    print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
 
 def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
-    """Write ``campaign.json``, ``estimates.csv`` and the figure ``campaign`` into the folder ``out``, whole or not at all; returns the folder."""
+    """Write ``campaign.json``, ``estimates.csv``, the figure ``campaign`` and the page into the folder ``out``, whole or not at all; returns it."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -56,11 +60,13 @@ def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.files import save_figures
+            from scenarios.plots.page.drawing import drawn_for_page
             from scenarios.studies.figures import campaign_figures
 
-            save_figures(campaign_figures(campaign), scratch, figures)
+            drawn = drawn_for_page(campaign_figures(campaign), scratch, figures)
+        write_page(scratch, campaign_page(campaign, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,

@@ -11,9 +11,12 @@ import numpy as np
 
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
+from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.comparison import comparison
 from scenarios.studies.determination.content import determination_csv
+from scenarios.studies.report.page import study_page
 from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
@@ -28,7 +31,8 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
     Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``response.csv`` (measured, predicted
-    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``comparison.json`` last. Further methods leave
+    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
+    which it is made, ``comparison.json`` last. Further methods leave
     ``response_METHOD.csv`` and ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a sweep
     ``sweep.csv``, determination ``determination.csv``.
     """
@@ -51,11 +55,13 @@ def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
         (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.files import save_figures
+            from scenarios.plots.page.drawing import drawn_for_page
             from scenarios.studies.figures import study_figures
 
-            save_figures(study_figures(study), scratch, figures)
+            drawn = drawn_for_page(study_figures(study), scratch, figures)
+        write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
     return Path(folder)
 

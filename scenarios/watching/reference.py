@@ -51,6 +51,8 @@ def read_reference(path: Path) -> Reference:
     plain = _numbers(content["plain"].get("parameters"), "estimate") if isinstance(content.get("plain"), dict) else {}
     missing = [name for name in PAPER_START if name not in values and name not in fixed]
     if missing:
+        if missing[0] in content.get("start_dependent", ()):
+            raise DeclarationError(f"{missing[0]} hangs on the start in it", where=str(file), remedy="name a study that was refined")
         remedy = "name a study of the low-order equivalent system"
         raise DeclarationError(f"there is no {missing[0]} in it", where=str(file), remedy=remedy)
     return Reference(str(path), values, fixed, plain)

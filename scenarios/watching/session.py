@@ -1,4 +1,4 @@
-"""A watch in progress: rows go in, the bank moves on, and what was taken is kept for the end.
+"""A watch in progress: rows go in, the banks move on, and what was taken is kept for the end.
 
 The first rows are only collected: the noise levels, the trim and the start of two states are read off them, then they are filtered
 like all others. What the filter is given, spikes left out, is the record that a batch run would get.
@@ -6,17 +6,18 @@ like all others. What the filter is given, spikes left out, is the record that a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from ident.banks.delays import likelihood_weights
 from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
-from ident.estimate import Estimate, Outcome
+from ident.banks.other_starts import Ends, bank_of_starts, ends_of, moved_starts, spread_of
+from ident.banks.relinearised import GROWN, Relinearised, along, due, linearise, on_a_grid_that_fits, told_enough
 from scenarios.files.vehicles import VehicleFile
-from scenarios.identification.low_order import derived_of, filter_system, less, mean_delay, noise_levels, trim_of
+from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS
 from sim.declaration.system import System
 from sim.errors import RecordError
@@ -25,15 +26,22 @@ from sim.record import Channel, Record
 BEGINNING = 2.0  # s that are collected before the filter starts
 FEWEST = 40  # rows of it
 SPIKE = 30.0  # standard deviations of the innovation
-_UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
+STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")  # what a vehicle file gives a start of
+RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing; later the estimate has long been near
+UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
 class Step(NamedTuple):
-    """A row of the stream, the bank's state after it, and how many spikes were left out by then."""
+    """A row of the stream, the bank's state after it, how many spikes were left out by then, what other starts add to its deviations
+    ``spread (n,)`` and to the delay's (s), their differences ``(K, n)``, and the bank that was linearised anew, where there is one."""
 
     row: np.ndarray
     state: BankState
     spikes: int
+    spread: np.ndarray
+    delay_spread: float
+    differences: np.ndarray
+    refined: Relinearised | None
 
 
 @dataclass
@@ -41,7 +49,8 @@ class Session:
     """What a watch knows so far; ``take`` and ``start`` change it.
 
     ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came, spikes NaN once the filter left them out.
-    ``system``, ``bank``, ``state`` and ``offsets`` are there once the filter has started.
+    ``system``, ``bank``, ``state`` and ``offsets`` are there once the filter has started; ``others`` is the bank of other starts with its
+    state, ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``: the rows at the last attempt.
     """
 
     vehicle: VehicleFile
@@ -53,6 +62,13 @@ class Session:
     state: BankState | None = None
     offsets: Mapping[str, float] = field(default_factory=dict)
     spikes: int = 0
+    refine: bool = False
+    others: OnlineBank | None = None
+    others_state: BankState | None = None
+    refined: Relinearised | None = None
+    tried: int = 0
+    second: float = -math.inf
+    last: Step | None = None
 
     @property
     def rows(self) -> int:
@@ -85,6 +101,7 @@ def start(session: Session) -> list[Step]:
     session.offsets = trim_of(record, noise)
     session.system = filter_system(less(record, session.offsets), session.vehicle, noise)
     session.bank = online_bank(session.system, float(np.median(np.diff(record.time))), gate=SPIKE)
+    session.others = bank_of_starts(session.bank, moved_starts(session.bank, STARTED))
     session.taken = [np.concatenate(session.taken, axis=1)]
     return _filter(session, session.taken[0])
 
@@ -99,50 +116,86 @@ def record_of(session: Session) -> Record:
     table = np.concatenate(session.taken, axis=1) if session.taken else np.zeros((2 + len(OUTPUTS), 0))
     if table.shape[1] < 2:
         raise RecordError(f"{table.shape[1]} row(s) that can be used", where=session.name, remedy="a stream needs at least two")
-    outputs = tuple(Channel.of(name, _UNITS[name], row) for name, row in zip(OUTPUTS, table[2:], strict=True) if np.isfinite(row).any())
+    outputs = tuple(Channel.of(name, UNITS[name], row) for name, row in zip(OUTPUTS, table[2:], strict=True) if np.isfinite(row).any())
     if not outputs:
         raise RecordError("no number in any output", where=session.name, remedy=f"stream one of {', '.join(OUTPUTS)}")
     return Record(table[0], (Channel.of("stick", session.stick_unit, table[1]),), outputs, name=session.name)
 
 
-def likely_estimate(bank: OnlineBank, state: BankState) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
-    """The most likely filter's parameters, the likelihood weights ``(B,)``, and the weighted delay with its deviation (s)."""
-    best, n_x = state.best, len(bank.system.states)
-    names = bank.names[n_x:]
-    P = state.covariance[best, n_x:, n_x:]
-    outcome = Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED
-    log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
-    weights = likelihood_weights(log_likelihood)
-    std = np.sqrt(np.diag(bank.R))
-    likely = float(state.log_likelihood[best])
-    estimate = Estimate(
-        "online", names, bank.units, state.mean[n_x:, best].copy(), 0.5 * (P + P.T), outcome, likely, bank.system.output_names, std, ()
-    )
-    return estimate, weights, mean_delay(bank.delays, weights)
-
-
-def derived_so_far(session: Session, estimate: Estimate, delay: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Natural frequency, damping ratio and delay of an estimate of the stream."""
-    return derived_of(estimate, session.vehicle, delay)
-
-
 def _filter(session: Session, block: np.ndarray) -> list[Step]:
-    """Move the bank over the block's rows; spikes that it leaves out become NaN in the block."""
-    bank = session.bank
-    assert bank is not None
-    levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[:, None]
-    given = block - levels
-    rows = Rows(given[0], given[1:2], given[2:])
-    states: list[BankState] = []
-    if session.state is None:
-        states.append(begin(bank, Rows(*(part[..., :1] for part in rows))))
-        rows = Rows(*(part[..., 1:] for part in rows))
-    states += advance(bank, states[-1] if session.state is None else session.state, rows)
+    """Move the banks over the block's rows; spikes that the first leaves out become NaN in the block, and the others do not see them."""
+    bank, others = session.bank, session.others
+    assert bank is not None and others is not None
+    states = _on(bank, session.state, _rows_of(session, block))
     session.state = states[-1]
-    steps = []
+    spikes = []
     for column, state in enumerate(states):
         if state.skipped.any():
             block[2:, column][state.skipped] = np.nan
             session.spikes += int(state.skipped.sum())
-        steps.append(Step(block[:, column], state, session.spikes))
+        spikes.append(session.spikes)
+    given = _rows_of(session, block)
+    beside = _on(others, session.others_state, given)
+    session.others_state = beside[-1]
+    ends = ends_of(others, beside, len(bank.delays))
+    spread = spread_of(bank, states, ends)
+    refined = _refined(session, states, ends, given) if session.refine else [None] * len(states)
+    columns = zip(block.T, states, spikes, spread.std, spread.delay.tolist(), spread.differences, refined, strict=True)
+    steps = [Step(*each) for each in columns]
+    session.last = steps[-1]
     return steps
+
+
+def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows) -> list[Relinearised | None]:
+    """The bank linearised anew after each row. Whether it is time for that is asked at the first row of each second, however rows come."""
+    seconds = np.floor(given.time)
+    asked = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
+    session.second = float(seconds[-1])
+    out: list[Relinearised | None] = []
+    for row in [*asked, len(states) - 1]:
+        if row < len(out):
+            continue
+        stretch = slice(len(out), row + 1)
+        passed = [None] * (row + 1 - len(out)) if session.refined is None else along(session.refined, Rows(*(part[..., stretch] for part in given)))
+        session.refined = passed[-1]
+        if row in asked:
+            if session.refined is not None:
+                session.refined = on_a_grid_that_fits(session.refined)
+            if _wanted(session, states[row]):
+                session.tried = states[row].rows_seen
+                session.refined = _linearised(session, states[row], ends.mean[row].T) or session.refined
+        out += [*passed[:-1], session.refined]
+    return out
+
+
+def _wanted(session: Session, state: BankState) -> bool:
+    assert session.bank is not None
+    if state.rows_seen < GROWN * session.tried:
+        return False
+    if session.refined is None:
+        return told_enough(session.bank, state, STARTED)
+    return state.rows_seen <= RELINEARISED_ROWS and due(session.refined, STARTED)
+
+
+def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:
+    """Over the rows up to a state, the last so many; those before them told nothing."""
+    assert session.bank is not None
+    record = record_of(session)
+    first = max(0, state.rows_seen - RELINEARISED_ROWS)
+    record = less(record.window(float(record.time[first]), state.time), session.offsets)
+    return linearise(record, filter_system(record, session.vehicle, noise_levels(record)), session.bank, state, elsewhere)
+
+
+def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
+    """The states after each of the rows, from the first row of all on where there is no state yet."""
+    if state is not None:
+        return advance(bank, state, rows)
+    first = begin(bank, Rows(*(part[..., :1] for part in rows)))
+    return [first, *advance(bank, first, Rows(*(part[..., 1:] for part in rows)))]
+
+
+def _rows_of(session: Session, block: np.ndarray) -> Rows:
+    """A block about its trim."""
+    levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[:, None]
+    given = block - levels
+    return Rows(given[0], given[1:2], given[2:])

@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.banks.online import BankState
-from scenarios.watching.session import Session, Step, likely_estimate
-from scenarios.watching.session import derived_so_far as derived_of_session
+from scenarios.watching.estimates import so_far
+from scenarios.watching.session import Session, Step
 from scenarios.watching.stream import Watch
 from scenarios.watching.study import Outcome
 from scenarios.watching.table import View, live_table, outside_of, standings
@@ -20,15 +19,16 @@ from scenarios.watching.table import line as view_line
 REFRESH = 0.25  # s between two drawings of the live table
 
 
-def view_of(watch: Watch, session: Session, state: BankState | None = None, spikes: int | None = None) -> View:
-    """The stream at a state of the bank, the last when None."""
-    bank, state = session.bank, session.state if state is None else state
-    assert bank is not None and state is not None
-    estimate, weights, delay = likely_estimate(bank, state)
-    items = standings(estimate, derived_of_session(session, estimate, delay), watch.reference)
-    silent = time.monotonic() - watch.heard
-    spikes = session.spikes if spikes is None else spikes
-    return View(watch.name, state.time, state.rows_seen, watch.left_out, spikes, items, bank.delays, weights, silent, bool(state.sound.any()))
+def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
+    """The stream after a step, the last when None."""
+    # A step that is named is news, however long its row waited to be filtered.
+    silent = time.monotonic() - watch.heard if step is None else 0.0
+    bank, step = session.bank, session.last if step is None else step
+    assert bank is not None and step is not None
+    found, state = so_far(session, step), step.state
+    items = standings(found.estimate, found.derived, watch.reference, found.hanging)
+    sound = bool(state.sound.any())
+    return View(watch.name, state.time, state.rows_seen, watch.left_out, step.spikes, items, bank.delays, found.weights, silent, sound, found.refined)
 
 
 class Show:
@@ -60,7 +60,7 @@ class Show:
         for step, second, after in zip(told, seconds, [*seconds[1:], None], strict=False):
             if second > self._said and second != after:
                 self._said = second
-                print(view_line(view_of(self._watch, session, step.state, step.spikes)), flush=True)
+                print(view_line(view_of(self._watch, session, step)), flush=True)
 
 
 @contextmanager
@@ -76,10 +76,14 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     from scenarios.terminal.numbers import console
 
     terminal = console()
-    view = replace(view_of(watch, session), standings=end.standings, silent=0.0)
-    kind = "on line, the most likely filter" if end.found is None else "refined over all rows"
+    view = replace(view_of(watch, session), standings=end.standings, weights=end.weights, silent=0.0, refined=end.refined)
+    kind = "refined over all rows" if end.found is not None else "refined on line" if end.refined else "on line, the most likely filter"
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(live_table(view))
+    hanging = [item.name for item in end.standings if item.hanging]
+    if hanging:
+        what = f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name a nearer start with --vehicle"
+        terminal.print(f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False)
     outside = outside_of(end.standings)
     if watch.reference is not None:
         said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"inside the bounds of {watch.reference.name}"

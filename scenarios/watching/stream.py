@@ -17,6 +17,7 @@ from scenarios.watching.rows import Fault, Header, Order, in_order, read_header,
 from scenarios.watching.session import Session
 from sim.errors import RecordError
 
+STOPPED = "stopped by the user"
 TOGETHER = 200  # rows that are filtered before they are written and shown: a few hundredths of a second
 
 
@@ -29,6 +30,7 @@ class Watch:
     reference: Reference | None
     choices: Mapping[str, ColumnChoice] | None
     units: Mapping[str, str]
+    refine: bool = True
     header: Header | None = None
     session: Session | None = None
     order: Order = field(default_factory=Order)
@@ -37,6 +39,11 @@ class Watch:
     mended: int = 0
     reason: str = "the stream ended"
     heard: float = field(default_factory=time.monotonic)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the user stopped it."""
+        return self.reason == STOPPED
 
 
 def rows_in(watch: Watch, came: Lines) -> np.ndarray:
@@ -49,7 +56,7 @@ def rows_in(watch: Watch, came: Lines) -> np.ndarray:
         watch.line += 1
         if first.strip():
             watch.header = read_header(first, watch.name, watch.choices, watch.units)
-            watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit)
+            watch.session = Session(vehicle_to_watch(watch.vehicle_path, watch.reference), watch.name, watch.header.stick_unit, refine=watch.refine)
     if watch.header is None or not lines:
         return np.zeros((0, 0))
     table, numbers, faults = read_lines(watch.header, lines, watch.line + 1)

@@ -3,45 +3,58 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.estimate import Estimate
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.identification.result import Identification
+from scenarios.pages.folder import CONTENT, PAGE, write_page
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
+from scenarios.watching.estimates import SoFar, nearest, plain_so_far
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
-from scenarios.watching.session import Session, derived_so_far, likely_estimate
+from scenarios.watching.report import watch_page
+from scenarios.watching.session import Session
 from scenarios.watching.table import CrossValidation
 from sim.errors import DeclarationError
 from sim.record import Record
 
-FILES = ("comparison.json", NAME, "record.csv", "record.json")
+FILES = ("comparison.json", NAME, "record.csv", "record.json", CONTENT, PAGE)
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None where it was not made; the on-line
-    bank's last estimate with its delay and weights; ``standings`` of what counts."""
+    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None where it was not made; ``online`` the last
+    estimate on line, ``delays`` those of its bank (s); ``standings`` of what counts."""
 
     record: Record
     found: Identification | None
-    online: Estimate
-    weights: np.ndarray
-    derived: Mapping[str, tuple[float, float]]
+    online: SoFar
+    delays: np.ndarray
     standings: tuple[CrossValidation, ...]
     left_out: int
     mended: int
     spikes: int
     reason: str
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the declared delays, as in ``SoFar``, by what counts."""
+        if self.found is None or "delay" not in self.found.estimate.names:
+            return self.online.weights
+        return nearest(self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay"))
+
+    @property
+    def refined(self) -> bool:
+        """Whether what counts was linearised anew."""
+        return self.found is not None or self.online.refined
 
 
 def refuse_overwriting(stream: Path, out: Path) -> None:
@@ -61,6 +74,7 @@ def write_watch(out: Path, session: Session, reference: Reference | None, end: O
         (scratch / NAME).write_text(history.finish(), encoding="ascii")
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
+        write_page(scratch, watch_page(content, name, digest))
         write_json(scratch / "comparison.json", {**content, "inputs": {"records": [name], "sha256": [digest]}})
 
 
@@ -68,20 +82,21 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
     """Content of ``comparison.json``: the refined estimate as the main one where it was made, the on-line bank's under ``methods``."""
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
-    online = _online_content(session)
-    if end.found is None:
-        main: dict[str, Any] = {**online, "method": "online"}
-    else:
+    alone = plain_so_far(session)
+    plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
+    if end.found is not None:
         found = end.found
-        main = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
+        main: dict[str, Any] = {**estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests), "method": "ekf"}
+    else:
+        main = {**_content(session, end.online), "method": "online-refined"} if end.refined else plain
     return {
         "schema": SCHEMA,
         "scenario": "watch",
         "model": "loes",
         "vehicle": session.vehicle.name,
         **main,
-        **({} if end.found is None else {"methods": {"online": {**online, "method": "online"}}}),
-        "bank": {"delays": bank.delays, "weights": end.weights, "most_likely": float(bank.delays[state.best])},
+        **({"methods": {"online": plain}} if end.refined else {}),
+        "bank": {"delays": bank.delays, "weights": alone.weights, "most_likely": float(bank.delays[state.best])},
         **({} if reference is None else {"reference": _reference_content(reference, end.standings)}),
         "stream": {
             "rows": len(end.record),
@@ -95,13 +110,17 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
     }
 
 
-def _online_content(session: Session) -> dict[str, Any]:
+def _content(session: Session, online: SoFar) -> dict[str, Any]:
+    """An estimate on line; quantities that hang on the start are named, without a number."""
     assert session.bank is not None and session.state is not None and session.system is not None
-    estimate, _, delay = likely_estimate(session.bank, session.state)
+    estimate = online.estimate
     rows = rows_of(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist())
-    fixed = {item.name: (item.value, item.unit) for item in session.system.parameters if not item.free}
-    fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
-    return estimate_content(estimate, rows, derived_so_far(session, estimate, delay), fixed, ())
+    fixed = {item.name: (item.value, item.unit) for item in session.system.parameters if not item.free and item.name not in estimate.names}
+    if "delay" not in estimate.names:
+        fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
+    derived = {name: pair for name, pair in online.derived.items() if name not in online.hanging}
+    content = estimate_content(estimate, tuple(row for row in rows if row.name not in online.hanging), derived, fixed, ())
+    return {**content, "start_dependent": sorted(online.hanging)} if online.hanging else content
 
 
 def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]) -> tuple[Row, ...]:

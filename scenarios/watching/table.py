@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,23 +17,25 @@ from scenarios.studies.comparison import DERIVED_UNITS
 from scenarios.terminal.numbers import number
 from scenarios.watching.reference import Reference
 
-_WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
+HANGING = "hangs on start"
+WORDS = {"natural_frequency": "natural frequency", "damping_ratio": "damping ratio", "delay": "delay"}
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``."""
+    """One quantity of the stream, and of the reference where it has it, with standard deviations, in ``unit``; ``hanging`` on the start alone."""
 
     name: str
     unit: str
     value: float
     std: float
     reference: tuple[float, float] | None = None
+    hanging: bool = False
 
     @property
     def z(self) -> float | None:
-        """Difference over the root of both variances' sum; None without a reference or a deviation."""
-        if self.reference is None:
+        """Difference over the root of both variances' sum; None without a reference, a deviation, or a number that does not hang on the start."""
+        if self.reference is None or self.hanging:
             return None
         scale = math.hypot(self.std, self.reference[1])
         return (self.value - self.reference[0]) / scale if scale > 0 else None
@@ -46,7 +48,8 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class View:
-    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, likelihood weights by delay (s)."""
+    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights by delay (s), which are probabilities
+    where the estimate is ``refined``, else likelihoods."""
 
     name: str
     time: float
@@ -58,15 +61,18 @@ class View:
     weights: np.ndarray
     silent: float = 0.0
     sound: bool = True
+    refined: bool = False
 
 
-def standings(estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None) -> tuple[CrossValidation, ...]:
-    """Derived quantities, then parameters, each against the reference where there is one."""
+def standings(
+    estimate: Estimate, derived: Mapping[str, tuple[float, float]], reference: Reference | None, hanging: Collection[str] = ()
+) -> tuple[CrossValidation, ...]:
+    """Derived quantities, then parameters, each against the reference where there is one; ``hanging`` are those that hang on the start."""
     known = {} if reference is None else reference.values
-    out = [CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name)) for name, (value, std) in derived.items()]
+    out = [CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging) for name, (value, std) in derived.items()]
     for name, unit, value, std in zip(estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True):
         if name not in derived:
-            out.append(CrossValidation(name, unit, value, std, known.get(name)))
+            out.append(CrossValidation(name, unit, value, std, known.get(name), name in hanging))
     return tuple(out)
 
 
@@ -75,14 +81,21 @@ def live_table(view: View) -> Table:
     table = Table(title=Text(_heading(view)), caption=Text(_weights(view)), box=box.SIMPLE_HEAD, padding=0)
     table.title_justify = table.caption_justify = "left"
     compared = any(item.reference is not None for item in view.standings)
-    for heading in ("quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas", "") if compared else ())):
+    hanging = any(item.hanging for item in view.standings)
+    headings = ["quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas") if compared else ())]
+    for heading in [*headings, *([""] if compared or hanging else [])]:
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "") else "right", no_wrap=True)
     for item in view.standings:
-        cells = [_WORDS.get(item.name, item.name), item.unit, number(item.value, item.std), number(item.std, item.std)]
+        cells = [WORDS.get(item.name, item.name), item.unit]
+        cells += ["-", "-"] if item.hanging else [number(item.value, item.std), number(item.std, item.std)]
         if item.reference is not None:
             value, std = item.reference
             z = item.z
-            cells += [number(value, std), number(std, std), "-" if z is None else f"{z:+.1f}", "outside" if item.beyond else ""]
+            cells += [number(value, std), number(std, std), "-" if z is None else f"{z:+.1f}"]
+        elif compared:
+            cells += [""] * 3
+        if compared or hanging:
+            cells.append(HANGING if item.hanging else "outside" if item.beyond else "")
         table.add_row(*cells, style="bold red" if item.beyond else None)
     return table
 
@@ -91,10 +104,11 @@ def line(view: View) -> str:
     """The same in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
-    for name, word in _WORDS.items():
+    for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
-            shown.append(f"{word} {number(item.value, item.std)} +- {number(item.std, item.std)} {item.unit}".removesuffix(" 1"))
+            told = f"{number(item.value, item.std)} +- {number(item.std, item.std)} {item.unit}".removesuffix(" 1")
+            shown.append(f"{word} {HANGING if item.hanging else told}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
     outside = outside_of(view.standings)
@@ -117,4 +131,4 @@ def _heading(view: View) -> str:
 
 def _weights(view: View) -> str:
     cells = [f"{1000.0 * delay:g}: {weight:.2f}" for delay, weight in zip(view.delays, view.weights, strict=True) if weight >= 0.005]
-    return "likelihood by delay, ms: " + ", ".join(cells)
+    return f"{'probability' if view.refined else 'likelihood'} by delay, ms: " + ", ".join(cells)

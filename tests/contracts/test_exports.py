@@ -37,7 +37,7 @@ def test_every_export_is_there_and_said_to_editors() -> None:
         assert value is getattr(flightid, name) and (name == "__version__" or inspect.getdoc(value))
     assert re.match(r"\d+(\.\d+)*", flightid.__version__)
     with pytest.raises(AttributeError, match="module 'flightid' has no attribute 'identity'"):
-        _ = flightid.identity  # type: ignore[attr-defined]
+        _ = flightid.identity
 
 
 def test_every_figure_is_a_function_of_a_result() -> None:
@@ -48,10 +48,10 @@ def test_every_figure_is_a_function_of_a_result() -> None:
 
 # Keywords that are another word in Python: `from`, `class` and `set` are its own, and the rest are told by what they return.
 WORDS = {"from": "start", "to": "stop", "class": "aircraft_class", "set": "set"}
-LEFT_OUT = {"out", "figures", "no_figures", "state_space", "help", "model_file"}
+LEFT_OUT = {"json", "quiet", "out", "figures", "no_figures", "state_space", "help", "model_file"}
 
 
-@pytest.mark.parametrize("command", ["identify", "diagnose", "check", "run", "campaign"])
+@pytest.mark.parametrize("command", ["identify", "diagnose", "predict", "check", "run", "campaign"])
 def test_keywords_are_the_options_of_the_command(command: str) -> None:
     import typer.main
 
@@ -71,6 +71,7 @@ def test_keywords_are_the_options_of_the_command(command: str) -> None:
 OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
     "identify": set(),
     "diagnose": set(),
+    "predict": set(),
     "check": set(),
     "run": {"compare"},
     "campaign": {"model", "vehicle", "input", "noise", "duration", "rate"},  # a flight of one's own is a scenario file in Python

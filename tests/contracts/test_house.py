@@ -160,8 +160,10 @@ def test_a_long_function_is_seen() -> None:
 
 
 DOCUMENTS = sorted(
-    {*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "labs").rglob("*.md")}
+    path
+    for path in {*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "labs").rglob("*.md")}
     | {path for room in (*ROOMS, "tests", "benchmarks") for path in (ROOT / room).rglob("*.md")}
+    if not path.is_relative_to(ROOT / "docs" / "made")  # written when the site is built
 )
 FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 QUOTED = re.compile(r"`([^`\n]+)`|\]\(([^)#\s]+)")
@@ -182,7 +184,7 @@ def exists(mention: str) -> bool:
     if A_PATH.fullmatch(mention):
         return any(ROOT.glob(mention.rstrip("/")))
     if A_FILE.fullmatch(mention):
-        return any(path.endswith(f"/{mention}") for path in modules())
+        return any(path.endswith(f"/{mention}") for path in modules()) or any((ROOT / "docs").rglob(mention))
     parts = mention.split(".")
     for kept in (len(parts), len(parts) - 1, len(parts) - 2):
         stem = ROOT.joinpath(*parts[:kept])

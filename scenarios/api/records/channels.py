@@ -10,11 +10,11 @@ import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, STICK, TIME
 from scenarios.files.declarations import closest
+from scenarios.files.measured.cells import numbers
 from scenarios.files.measured.columns import Column as Found
-from scenarios.files.measured.columns import find_column, split_header, suffix_unit
+from scenarios.files.measured.columns import split_header, suffix_unit
 from scenarios.files.measured.record_file import RecordFile
-from scenarios.files.measured.tables import numbers
-from scenarios.files.records import read_record
+from scenarios.files.records import column_of, read_record
 from sim.errors import RecordError
 
 INPUTS = ("elevator", STICK, "aileron", "rudder", "thrust")
@@ -35,6 +35,7 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
     A column that is none of our channels, or of a unit that does not fit it, keeps its name and numbers; one without numbers is left out.
     """
     taken: dict[int, tuple[str, Column]] = {}
+    under = file.table.units or ("",) * len(file.table.header)
     for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):  # what is mapped is nothing else
         found, unit = _found(file, name), CHANNEL_UNITS[name]
         if found is not None and found.index not in taken:
@@ -44,33 +45,39 @@ def columns_of(file: RecordFile) -> dict[str, Column]:
         choice = file.choices[name]
         for index, cell in enumerate(file.table.header):
             if choice.column in (cell, split_header(cell)[0]):
-                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or "1", cell, partial(_raw, file, index)))
+                taken[index] = (name, Column(choice.unit or split_header(cell)[1] or under[index] or "1", cell, partial(_raw, file, index)))
     for index, cell in enumerate(file.table.header):
         if index not in taken and cell and _numeric(file, index):
             name, unit_told = split_header(cell)
-            told = unit_told or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
+            told = unit_told or under[index] or file.sidecar.units.get(name) or file.sidecar.units.get(cell) or "1"
             taken[index] = (name if name not in CHANNEL_UNITS else cell, Column(told, cell, partial(_raw, file, index)))
     return {name: column for _, (name, column) in sorted(taken.items()) if name != TIME}
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:
-    """Raise RecordError for a unit of a column that is not there, or whose header says another."""
-    header, where = file.table.header, f"{file.table.file}, units"
+    """Raise RecordError for a unit of a column that is not there, or of one that says another itself, in its header or under it."""
+    table, where = file.table, f"{file.table.file}, units"
     columns = {choice.column for choice in file.choices.values()}
     for name, unit in units.items():
-        cells = [cell for cell in header if split_header(cell)[0] == name or cell == name or suffix_unit(cell, name) is not None]
-        if not cells and name not in columns:
-            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, [split_header(cell)[0] for cell in header if cell]))
-        for cell in cells if not any(split_header(cell)[0] == name or cell == name for cell in cells) else ():
-            raise RecordError(f"column {cell!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
-        said = next((told for cell in cells if split_header(cell)[0] == name and (told := split_header(cell)[1])), unit)
-        if said != unit:
-            raise RecordError(f"column {name!r} is in {said}, as its header says, not in {unit}", where=where, remedy="leave one of the two out")
+        said = {cell: split_header(cell)[1] or (table.units[i] if table.units else "") for i, cell in enumerate(table.header) if _called(cell, name)}
+        suffixed = [cell for cell in table.header if suffix_unit(cell, name) is not None]
+        if not said and suffixed:
+            raise RecordError(f"column {suffixed[0]!r} says its unit itself", where=where, remedy="leave the unit out, or rename the column")
+        if not said and name not in columns:
+            names = [split_header(cell)[0] for cell in table.header if cell]
+            raise RecordError(f"there is no column {name!r}", where=where, remedy=closest(name, names))
+        for told in (told for told in said.values() if told and told != unit):
+            what = f"column {name!r} is in {told}, as it says itself, not in {unit}"
+            raise RecordError(what, where=where, remedy="leave one of the two out")
+
+
+def _called(cell: str, name: str) -> bool:
+    return name in (cell, split_header(cell)[0])
 
 
 def _found(file: RecordFile, name: str) -> Found | None:
     try:
-        return find_column(name, file.table.header, file.table.file, file.choices, file.sidecar.units)
+        return column_of(file, name)
     except RecordError:
         return None
 
@@ -80,9 +87,9 @@ def _channel(file: RecordFile, name: str) -> np.ndarray:
 
 
 def _raw(file: RecordFile, index: int) -> np.ndarray:
-    return numbers(file.table.columns[index]).values
+    return numbers(file.table, index).values
 
 
 def _numeric(file: RecordFile, index: int) -> bool:
-    found = numbers(file.table.columns[index])
+    found = numbers(file.table, index)
     return not found.texts and bool(np.isfinite(found.values).any())

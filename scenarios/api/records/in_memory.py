@@ -13,10 +13,10 @@ import numpy as np
 
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice
+from scenarios.files.measured.cells import Table, one_line
 from scenarios.files.measured.columns import split_header
 from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.measured.sidecar import Sidecar
-from scenarios.files.measured.tables import Table, one_line
 from scenarios.files.records import window_of
 from scenarios.files.sources import InputFile
 from sim.errors import RecordError
@@ -87,10 +87,10 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     """
     time, rows = window_of(file, start, stop)
     span = f"{time[0] if start is None else start:g}-{time[-1] if stop is None else stop:g} s"
-    label = f"{file.path.name}[{span}]"
+    label = f"{file.identity.name}[{span}]"
     old = file.table
     ragged = {position - rows.start: cells for position, cells in old.ragged.items() if rows.start <= position < rows.stop}
-    table = Table(label, old.header, tuple(column[rows] for column in old.columns), old.rows[rows], ragged)
+    table = replace(old, file=label, columns=tuple(column[rows] for column in old.columns), rows=old.rows[rows], ragged=ragged)
     return replace(file, path=Path(label), table=table, identity=InputFile(label, _digest(table)), in_memory=True)
 
 
@@ -103,8 +103,12 @@ def numbered_apart(files: Sequence[RecordFile]) -> list[RecordFile]:
         if file.in_memory:
             name = next(each for n in itertools.count(1) if (each := name if n == 1 else f"{name} {n}") not in taken)
             taken.add(name)
-        out.append(file if name == file.path.name else replace(file, path=Path(name), table=replace(file.table, file=name)))
+        out.append(file if name == file.path.name else _renamed(file, name))
     return out
+
+
+def _renamed(file: RecordFile, name: str) -> RecordFile:
+    return replace(file, path=Path(name), table=replace(file.table, file=name), identity=replace(file.identity, name=name))
 
 
 def _has_time(names: Sequence[str]) -> bool:

@@ -16,9 +16,8 @@ from scenarios.api.records.in_memory import columns_of_record, file_of_columns
 from scenarios.api.shown import html
 from scenarios.files.channel_names import TIME
 from scenarios.files.channels import ColumnChoice, read_channel_map
-from scenarios.files.measured.columns import find_column, missing_column
 from scenarios.files.measured.record_file import RecordFile, read_record_file
-from scenarios.files.records import window_of
+from scenarios.files.records import column_of, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
 from sim.record import Hold
@@ -51,7 +50,7 @@ class Record:
     @property
     def name(self) -> str:
         """What messages call it."""
-        return self.file.path.name
+        return self.file.identity.name
 
     @property
     def hold(self) -> str:
@@ -212,8 +211,7 @@ def read_record(
         file = file_of_columns(content, name or told.name, known, held)
     file = replace(file, choices=_choices(channels, units or {}))
     refuse_units(units or {}, file)
-    if find_column(TIME, file.table.header, file.table.file, file.choices, file.sidecar.units) is None:
-        raise missing_column(TIME, file.table.header, file.table.file)
+    column_of(file, TIME)
     return Record(file, tuple(inputs) if inputs is not None else told.inputs)
 
 

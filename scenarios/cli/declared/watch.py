@@ -24,7 +24,9 @@ def watch(
         float | None, typer.Option("--idle", min=0.0, metavar="S", help="End after so many seconds without a row; a file: 5, a pipe: never.")
     ] = None,
     until_end: Annotated[bool, typer.Option("--until-end", help="Do not wait for the file to grow.")] = False,
-    refine: Annotated[bool, typer.Option(help="Refine the estimate over all rows when the stream has ended.")] = True,
+    refine: Annotated[bool, typer.Option(help="Linearise anew on the way, and refine over all rows when the stream has ended.")] = True,
+    page: Annotated[bool, typer.Option("--page", help="Serve a page of the stream to the browser of this machine, until Ctrl-C.")] = False,
+    port: Annotated[int | None, typer.Option("--port", min=1, max=65535, metavar="N", help="The page's port; without it 8040 or a free one.")] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -33,4 +35,4 @@ def watch(
     from scenarios.commands.watch import watch_stream
 
     with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
-        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine)
+        watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port)

@@ -8,10 +8,10 @@ from typing import Any
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
+from scenarios.diagnosis.noise_words import residual_levels
 from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.mode_levels import levels_both
-from scenarios.diagnosis.report.noise_words import residual_levels
 from scenarios.diagnosis.report.probabilities import shown_probability
 from scenarios.diagnosis.report.text import derived_of, headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from scenarios.plots.page.named import Drawn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,10 +32,10 @@ DECLARED_CAPTIONS = {
 
 
 def draw_diagnosis(pictured: Pictured, folder: Path, formats: Formats = USUAL, part: slice = slice(None)) -> None:
-    """Draw all figures, or a part of them, into ``folder``."""
-    from scenarios.plots.files import save_figures
+    """Draw all figures, or a part of them, into ``folder``, in every format and for the page."""
+    from scenarios.plots.page.drawing import leave_for_page
 
-    save_figures(figures_of(pictured)[part], folder, formats)
+    leave_for_page(figures_of(pictured)[part], folder, formats)
 
 
 def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
@@ -66,10 +69,10 @@ def numbered(stem: str, number: int) -> str:
     return stem if number == 0 else f"{stem}_{number + 1}"
 
 
-def figure_stems(folder: Path, *, declared: bool = False) -> list[tuple[str, str]]:
-    """Stems and captions of the figures in a folder, in the order of the report; ``declared``: they show the declared model alone."""
-    found = []
+def captioned(found: Mapping[str, str], *, declared: bool = False) -> tuple[Drawn, ...]:
+    """Figures by stem in the order of the report, with their captions; ``declared``: they show the declared model alone."""
+    out = []
     for stem, caption in (DECLARED_CAPTIONS if declared else CAPTIONS).items():
-        names = sorted((path.stem for path in folder.glob(f"{stem}*.png")), key=lambda name: (len(name), name))
-        found += [(name, caption) for name in names]
-    return found
+        names = sorted((name for name in found if re.fullmatch(rf"{stem}(_\d+)?", name)), key=lambda name: (len(name), name))
+        out += [Drawn(name, found[name], caption) for name in names]
+    return tuple(out)

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
 from scenarios.diagnosis.effort import effort_sentence
+from scenarios.diagnosis.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
-from scenarios.diagnosis.report.noise_words import is_coloured, noise_headings, noise_word, residual_levels
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence

@@ -17,11 +17,14 @@ from scenarios.identification.assessment.content import constraints_content, fit
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
 from scenarios.identification.keeping import kept_identification
-from scenarios.identification.noise import estimated_noise
+from scenarios.identification.report.noise import estimated_noise
+from scenarios.identification.report.page import identification_page
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept
+from scenarios.pages.folder import write_page
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.preparation.record_words import record_content
 from scenarios.studies.comparison import estimate_content
 from scenarios.terminal.flying_qualities import levels_content
@@ -46,13 +49,16 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
             write_record(scratch, record, "record" if number == 1 else f"record_{number}", simulated=made)
         for file in (*identified.files, *identified.validation):
             _spare_inputs(scratch, out, file.path)
+        drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.identification.figures import identification_figures
-            from scenarios.plots.files import save_figures
+            from scenarios.plots.page.drawing import drawn_for_page
 
             data = SIMULATED_DATA if made else MEASURED_DATA
-            save_figures(identification_figures(found, measured[0], data), scratch, figures)
-        write_json(scratch / MAIN, identification_content(found, identities(identified.files), identified.flown, identities(identified.validation)))
+            drawn = drawn_for_page(identification_figures(found, measured[0], data, estimated_noise(found)), scratch, figures)
+        fitted, predicted = identities(identified.files), identities(identified.validation)
+        write_page(scratch, identification_page(found, identified.flown, fitted, predicted, drawn))
+        write_json(scratch / MAIN, identification_content(found, fitted, identified.flown, predicted))
     return out
 
 

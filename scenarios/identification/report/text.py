@@ -10,7 +10,7 @@ from ident.flying_qualities.mode_levels import Flown, mode_levels
 from ident.tracing.diagnosis import Quantity
 from scenarios.identification.assessment.text import bound_lines, fit_lines, interval_lines
 from scenarios.identification.input_reading import reading_rows
-from scenarios.identification.noise import noise_phrase
+from scenarios.identification.report.noise import noise_phrase
 from scenarios.identification.result import Identification
 from scenarios.preparation.record_words import record_lines
 from scenarios.studies.rows import Row

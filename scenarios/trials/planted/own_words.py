@@ -9,7 +9,7 @@ from typing import Any
 
 from scenarios.files.declarations import closest
 from scenarios.files.own_models import unit_in
-from scenarios.identification.example_motion import BETWEEN, Motion
+from scenarios.identification.own_model.example_motion import BETWEEN, Motion
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.flying import KINDS, maneuver_of
 from scenarios.studies.scenario_file.quantities import positive, si

@@ -24,6 +24,9 @@ from scenarios.commands.telling import Told, telling
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
+from scenarios.trials.planted import campaign
+from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted.study import Grade
 from tests.integration.command_line import CommandLine
 
 NAMES = [function.__name__.rstrip("_") for functions in COMMANDS.values() for function in functions]
@@ -34,6 +37,11 @@ RECORD = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
 def one_candidate(records: Any, model: Any, candidates: Sequence[Any], guards: Any, *others: Any) -> Any:
     """The loop with what is hidden as its only candidate: the commands are tried here, not the search."""
     return diagnose(records, model, [each for each in candidates if each.name == "vane-offset"], (), *others)
+
+
+def named_at_once(scenario: TraceScenario, seed: int) -> campaign.TraceJudged:
+    """A flight of a campaign in which all is as it should be."""
+    return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), (("CL_q", True),))
 
 
 def typed(line: str) -> tuple[object, str, str]:
@@ -56,6 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(tmp_path_factory.mktemp("examples"))
         patch.setattr(on_files, "_loop", lambda: one_candidate)
         patch.setattr(on_files, "_witness", lambda *_: KinematicWitness(None))
+        patch.setattr(campaign, "judge_trace", named_at_once)
         patch.setattr(os, "cpu_count", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line

@@ -57,6 +57,11 @@ def test_identify(flightid: CommandLine, flight: Path, table: pandas.DataFrame, 
     assert {name: (p.value, p.sigma, p.unit) for name, p in of_table.parameters.items()} == {
         name: (row["estimate"], row["std"], row["unit"]) for name, row in written["parameters"].items()
     }
+    printed = flightid.done("predict", tmp_path / "command", flight, "--from", 2.0, "--no-figures", "--out", tmp_path / "predicted")
+    prediction = fid.predict(tmp_path / "command", flight, start=2.0)
+    assert lines(prediction.summary()) == lines(printed)
+    assert contents(prediction.save(tmp_path / "predicted in python", figures=False)) == contents(tmp_path / "predicted")
+    assert fid.predict(found, table, start=2.0).to_dataframe().equals(prediction.to_dataframe())
     matrices, space = json.loads((tmp_path / "matrices.json").read_text()), of_table.to_state_space()
     assert (space.A.tolist(), space.B.tolist()) == (matrices["A"], matrices["B"])
     assert (space.state_labels, space.input_labels, space.output_labels) == (["alpha", "q"], ["elevator"], ["alpha", "q"])
@@ -72,7 +77,7 @@ def test_identify_on_one_record_what_another_is_predicted_by(flight: Path, table
     response = found.response(1)
     left = response["alpha"] - response["predicted_alpha"]
     assert len(left) == len(table) and left.std() == pytest.approx(errors.loc[("flight.csv", "alpha"), "rms"], rel=0.02)
-    assert found.plot.held_out().axes and found.plot.fit()._repr_png_().startswith(b"\x89PNG")
+    assert found.plot.held_out().axes and getattr(found.plot.fit(), "_repr_png_")().startswith(b"\x89PNG")  # noqa: B009
 
 
 def test_diagnose(flightid: CommandLine, flight: Path, table: pandas.DataFrame, vehicle: Path, tmp_path: Path) -> None:
@@ -157,4 +162,4 @@ def test_a_model_and_an_effect_made_in_python(tmp_path: Path) -> None:
     in_memory, in_file = (fid.identify(fid.read_record(columns, inputs=["current"]), model) for model in (module["MODEL"], tmp_path / "antenna.py"))
     assert in_memory.parameters.to_dict() == in_file.parameters.to_dict() and in_memory.model == "antenna"
     with pytest.raises(fid.InputError, match=r"effects: object is a class|effects: effect object lacks"):
-        fid.diagnose(fid.read_record(columns), module["MODEL"], effects=[object()])
+        fid.diagnose(fid.read_record(columns), module["MODEL"], effects=[object()])  # type: ignore[list-item]

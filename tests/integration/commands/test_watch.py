@@ -7,6 +7,7 @@ import io
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ from ident.banks.online import bank_estimate
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
+from scenarios.watching.estimates import plain_so_far
 from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
 from scenarios.watching.session import Session, record_of, start, take
 from scenarios.watching.stream import TOGETHER, pieces
@@ -126,7 +129,7 @@ def test_history_ends_at_the_online_estimate(flightid: CommandLine, flown: Recor
     last = dict(zip(header, rows[-1], strict=True))
     for name in PARAMETERS:
         assert last[name] == pytest.approx(content["parameters"][name]["estimate"], rel=1e-8)
-        assert last[f"{name}_std"] == pytest.approx(content["parameters"][name]["std"], rel=1e-8)
+        assert np.hypot(last[f"{name}_std"], last[f"{name}_spread"]) == pytest.approx(content["parameters"][name]["std"], rel=1e-8)
     assert last["most_likely_delay"] == content["fixed"]["delay"]["value"] == content["bank"]["most_likely"]
     assert last["weighted_delay"] == pytest.approx(content["derived"]["delay"]["estimate"], rel=1e-8)
     np.testing.assert_array_equal(rows[:, 0], flown.time)
@@ -177,7 +180,7 @@ def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[st
     growing, out = tmp_path / "growing.csv", tmp_path / "out"
     cuts = [0, 12, len(text) // 2 + 3, len(text) // 2 + 4, len(text) - 5, len(text)]
     growing.write_text("")
-    with process(growing, *options, "--no-refine", "--idle", "4", "--out", out) as running:
+    with process(growing, *options, "--no-refine", "--idle", "60", "--out", out) as running:
         for number, (first, last) in enumerate(pairwise(cuts)):
             with growing.open("a") as file:
                 file.write(text[first:last])
@@ -185,6 +188,8 @@ def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[st
                 until(lambda: (out / "history.csv.part").is_file() and (out / "history.csv.part").read_text().count("\n") > 60)
                 assert (out / "history.csv.part").read_text().endswith("\n") and not (out / "comparison.json").exists()
             time.sleep(0.15)
+        until(lambda: (out / "history.csv.part").read_text().count("\n") == 152)
+        growing.write_text("")  # a file that is cut short has ended
         printed, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "")
     assert "151 rows" in printed and set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
@@ -211,13 +216,17 @@ def test_a_pipe_with_broken_lines(folder: Path, options: list[str], tmp_path: Pa
         assert abs(parameters[name]["estimate"] - LOES_VALUES[name]) < 5.0 * parameters[name]["std"], name
 
 
-def test_ctrl_c_ends_it_whole(folder: Path, options: list[str], tmp_path: Path) -> None:
+def test_ctrl_c_ends_it_whole_and_its_page(folder: Path, options: list[str], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with process(folder / "flight.csv", *options, "--no-refine", "--idle", "60", "--out", out) as running:
+    with process(folder / "flight.csv", *options, "--page", "--idle", "60", "--out", out) as running:
+        assert running.stderr is not None
+        address = running.stderr.readline().split()[-1]
         until(lambda: (out / "history.csv.part").is_file() and (out / "history.csv.part").read_text().count("\n") == 152)
+        with urlopen(address, timeout=60) as answer:
+            assert "EventSource" in answer.read().decode()
         running.send_signal(signal.SIGINT)
         printed, errors = running.communicate(timeout=60)
-    assert (running.returncode, errors) == (0, "") and "stopped by the user" in printed
+    assert (running.returncode, errors) == (0, "") and "stopped by the user; refined on line" in printed
     assert comparison(out)["stream"]["ended"] == "stopped by the user" and len(history(out)[1]) == 151
     assert set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
 
@@ -244,14 +253,13 @@ def test_reference_gives_the_start_and_the_bounds(flightid: CommandLine, folder:
 def test_flags_take_both_uncertainties(flown: Record) -> None:
     session = Session(vehicle_file(), "stream", "in")
     take(session, table_of(flown))
-    from scenarios.watching.session import derived_so_far, likely_estimate
-
-    assert session.bank is not None and session.state is not None
-    estimate, weights, delay = likely_estimate(session.bank, session.state)
+    found = plain_so_far(session)
+    estimate, weights = found.estimate, found.weights
+    assert session.bank is not None
     at, sigma = estimate.value("M_q"), estimate.sigma("M_q")
     other, spread = estimate.value("M_alpha"), estimate.sigma("M_alpha")
     reference = Reference("study", {"M_q": (at + 2.5 * sigma, sigma), "M_alpha": (other + 2.5 * spread, 0.1 * spread)})
-    items = {item.name: item for item in standings(estimate, derived_so_far(session, estimate, delay), reference)}
+    items = {item.name: item for item in standings(estimate, found.derived, reference)}
     assert items["M_q"].z == pytest.approx(-2.5 / 2**0.5) and not items["M_q"].beyond
     assert items["M_alpha"].z == pytest.approx(-2.5 / 1.01**0.5) and items["M_alpha"].beyond
     assert items["L_q"].z is None and not items["L_q"].beyond
@@ -288,6 +296,10 @@ def test_streams_that_are_refused(flightid: CommandLine, options: list[str], tmp
 def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
     record = folder / "flight.csv"
     assert "there is no model 'rigid'" in flightid.refused("watch", record, "--model", "rigid")
+    assert "there is no page to serve" in flightid.refused("watch", record, *options, "--port", "8041")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        assert f"port {port} cannot be had" in flightid.refused("watch", record, *options, "--page", "--port", port)
     assert "there is no such file" in flightid.refused("watch", tmp_path / "none.csv", *options)
     assert "this is a folder" in flightid.refused("watch", tmp_path, *options)
     (tmp_path / "flight.parquet").write_bytes(b"PAR1")

@@ -3,103 +3,68 @@
 from __future__ import annotations
 
 import re
-import runpy
-import shlex
 import types
 import typing
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from scenarios.studies.scenario_file import schema
 from tests.integration.command_line import CommandLine
+from tests.integration.documents.snippets import DOCUMENTS, MOST_NOT_RUN, NOT_RUN, ROOT, SLOW, Reader, blocks, is_run, name_of, snippets, why_not_run
 
-ROOT = Path(__file__).parents[3]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "labs").rglob("*.md")])
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#\s]+)\)")
+FOLLOWED = [path for path in DOCUMENTS if any(why_not_run(path, snippet) is None for _, snippet in snippets(path))]
 
 
-def name_of(path: Path) -> str:
-    return str(path.relative_to(ROOT))
+@pytest.fixture
+def blank_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are set up and written, and nothing is drawn on them: that takes half of the time here, and tests of figures do it."""
+    monkeypatch.setattr(Figure, "draw", lambda figure, renderer: None)
 
 
-def blocks(path: Path) -> Iterator[tuple[str, str]]:
-    for found in BLOCK.finditer(path.read_text(encoding="utf-8")):
-        yield found[1], found[2]
-
-
-def words(text: str) -> str:
-    return " ".join(text.split())
-
-
-READERS_FILES = {"docs/how-to/own-effect.md", "docs/records/cavour.md", "docs/records/prometheus.md"}  # commands on files that only the reader has
-WITH_COMMANDS = [
-    path
-    for path in DOCUMENTS
-    if name_of(path) not in READERS_FILES and any(kind == "sh" and re.search(r"^flightid ", text, re.MULTILINE) for kind, text in blocks(path))
-]
-
-
-@pytest.mark.parametrize("path", WITH_COMMANDS, ids=name_of)
-def test_commands_do_what_the_document_shows(path: Path, flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ``toml`` or ``python`` block that begins with ``# file: NAME`` is that file, and ``python NAME`` runs it; ``# refused`` behind
-    a command means exit code 2; each line of a ``text`` block stands in what the commands before it printed or wrote."""
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, id=name_of(path), marks=[pytest.mark.slow] if name_of(path) in SLOW else []) for path in FOLLOWED]
+)
+def test_commands_do_what_the_document_shows(
+    path: Path, flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, blank_figures: None
+) -> None:
+    """See ``Reader``."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     for folder in ("docs", "labs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    seen = ""
-    for kind, text in blocks(path):
-        if kind in ("toml", "python") and text.startswith("# file: "):
-            (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
-        elif kind == "sh":
-            for line in text.splitlines():
-                if line.startswith("python ") and not line.startswith("python -m "):
-                    runpy.run_path(line.split()[1])
-            seen = "".join(run(line, flightid) for line in text.splitlines() if line.startswith("flightid "))
-        elif kind == "text":
-            for line in text.splitlines():
-                assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
+    reader = Reader(flightid)
+    reader.follow(path)
+    assert reader.lines or not any(kind == "text" for kind, _ in blocks(path))
 
 
-IN_PYTHON = [
-    path for path in DOCUMENTS if path not in WITH_COMMANDS and any(kind == "python" and "import flightid" in text for kind, text in blocks(path))
-]
+def test_every_snippet_is_run_or_has_a_reason() -> None:
+    for path in DOCUMENTS:
+        for kind, snippet in snippets(path):
+            assert is_run(kind, snippet) or why_not_run(path, snippet), f"{name_of(path)}: {snippet.splitlines()[0]}"
+    for page, start in NOT_RUN:
+        assert any(snippet.startswith(start) for _, snippet in snippets(ROOT / page)), f"{page} no longer has {start!r}"
+    assert len(NOT_RUN) <= MOST_NOT_RUN
+    assert {*SLOW} <= {name_of(path) for path in FOLLOWED}
 
 
-@pytest.mark.parametrize("path", IN_PYTHON, ids=name_of)
-def test_cells_do_what_the_document_shows(path: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The ``python`` blocks of a page that begins with an import of the library run one after the other, as cells of one notebook do;
-    each line of a ``text`` block stands in what the block before it printed."""
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    seen = ""
-    for kind, text in blocks(path):
-        if kind == "toml":
-            (tmp_path / text.splitlines()[0].removeprefix("# file: ")).write_text(text)
-        elif kind == "python":
-            exec(compile(text, str(path), "exec"), names)
-            seen = capsys.readouterr().out
-        elif kind == "text":
-            for line in text.splitlines():
-                assert words(line) in words(seen), f"{line!r} is not in\n{seen}"
-
-
-def run(line: str, flightid: CommandLine) -> str:
-    """Run a command line of a document; ``> FILE`` takes what it prints."""
-    call, _, remark = line.partition("#")
-    arguments = shlex.split(call)[1:]
-    if "refused" in remark:
-        return flightid.refused(*arguments)
-    if ">" in arguments:
-        at = arguments.index(">")
-        Path(arguments[at + 1]).write_text(flightid.done(*arguments[:at]))
-        return ""
-    return flightid.done(*arguments)
+def test_a_page_that_is_wrong_is_seen(tmp_path: Path, flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.integration.documents.snippets.ROOT", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text("```python\nx = 2\n```\n\n```python\nprint(3 * x)\n```\n\n```text\n6\n```\n")
+    (reader := Reader(flightid)).follow(page)
+    assert reader.lines == 1
+    page.write_text(page.read_text().replace("6", "7"))
+    with pytest.raises(AssertionError, match="'7' is not in"):
+        Reader(flightid).follow(page)
+    page.write_text("```sh\nmake install\n```\n")
+    ((kind, snippet),) = snippets(page)
+    assert not is_run(kind, snippet) and why_not_run(page, snippet) is None
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)

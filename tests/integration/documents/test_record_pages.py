@@ -11,7 +11,7 @@ from types import ModuleType
 import pytest
 
 from tests.integration.command_line import CommandLine
-from tests.integration.documents.test_docs import BLOCK, ROOT, run, words
+from tests.integration.documents.snippets import BLOCK, ROOT, run, words
 
 RECORDS = ROOT.parent / "shared" / "flightdata"
 PAGES = ("cavour", "prometheus")

@@ -109,7 +109,7 @@ def test_a_fault_is_told_as_a_file_would_be(columns: dict[str, Any], told: str) 
     ("told", "line"),
     [
         ({"units": {"alfa": "deg"}}, "record, units: there is no column 'alfa'; did you mean 'alpha'?"),
-        ({"units": {"q": "rad/s"}}, "record, units: column 'q' is in deg/s, as its header says, not in rad/s; leave one of the two out"),
+        ({"units": {"q": "rad/s"}}, "record, units: column 'q' is in deg/s, as it says itself, not in rad/s; leave one of the two out"),
         ({"units": {"nz": "g"}}, "record, units: column 'nz_g' says its unit itself; leave the unit out, or rename the column"),
         ({"channels": {"beta": "sideslip"}}, ""),
         ({"hold": "next"}, "--hold: there is no hold 'next'; use previous or linear"),

@@ -54,7 +54,7 @@ def test_records_with_equal_names_are_told_apart_by_as_many_folders_as_it_takes(
 
     assert names(paths[:1], paths[1:3]) == ["flight1/record.csv", "flight2/record.csv", "other.csv"]
     assert names([paths[0], paths[1]], [paths[3]]) == ["a/flight1/record.csv", "a/flight2/record.csv", "b/flight2/record.csv"]
-    assert names(paths[:1], paths[4:]) == ["record.csv", "c.csv"]
+    assert names(paths[:1], paths[4:]) == ["record.csv", "lone.csv"]
 
 
 def test_a_vehicle_file_carries_the_hash_of_what_was_read_and_equals_another_that_says_the_same(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ident.tracing.diagnosis import Diagnosis
-from scenarios.diagnosis.report.declared_only import nothing_stands
+from ident.tracing.diagnosis import Diagnosis, Verdict
 
 FLOOR, ESTIMATED, RESIDUAL = "noise floor", "sensor noise (estimated)", "residual"
 EQUAL = 1e-9  # relative, to which a residual is its noise
@@ -31,7 +30,7 @@ def is_coloured(d: Diagnosis) -> bool:
 
 def residual_levels(d: Diagnosis) -> dict[str, float]:
     """Root mean square of what the fit leaves, by channel; of the declared model where no effect stands."""
-    if nothing_stands(d):
+    if d.verdict is Verdict.UNEXPLAINED:
         return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
     return {name: d.residual_std.get(name, floor) for name, floor in d.noise_floor.items()}
 

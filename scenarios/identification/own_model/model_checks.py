@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.files.own_models import inputs_at_rest
 from scenarios.files.units import is_unit
-from scenarios.identification.example_motion import Motion, doublet_motion
+from scenarios.identification.own_model.example_motion import Motion, doublet_motion
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.declaration.system import System

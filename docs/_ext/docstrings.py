@@ -1,0 +1,93 @@
+"""Docstrings of this project are plain text; Sphinx wants reStructuredText. What looks like markup and is none is escaped.
+
+Kept are names in backticks, indented blocks, and the parts that a line of dashes underlines (Parameters, Returns, Raises, Attributes).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+CODE = re.compile(r"``(.+?)``|`([^`]+)`")
+MARKS = re.compile(r"([\\*_|`<>])")
+STARTS_LIKE_MARKUP = re.compile(r"[-+•] |\(?\w{1,3}[.)] |\.\.|:|>>>|[=\-~^#+.]{3,}|@")
+ENTRY = re.compile(r"([\w.*]+(?:, [\w.*]+)*) : (.*)")
+UNDERLINE = re.compile(r"-{3,}")
+
+
+def escaped(text: str) -> str:
+    """One paragraph in one line: code stays code, everything else is taken as it stands."""
+    out, at = [], 0
+    for found in CODE.finditer(text):
+        out += [MARKS.sub(r"\\\1", text[at : found.start()]), f"\\ ``{(found[1] or found[2]).strip()}``\\ "]
+        at = found.end()
+    joined = "".join([*out, MARKS.sub(r"\\\1", text[at:])])
+    joined = re.sub(r"::$", ":", joined)
+    return f"\\ {joined}" if STARTS_LIKE_MARKUP.match(text) else joined
+
+
+def entries(lines: Sequence[str]) -> Iterator[str]:
+    """Lines of a part such as Parameters: ``name : text`` with its continuation as an item of a list, anything else as a paragraph."""
+    found: list[list[str]] = []
+    for line in lines:
+        if found and line.startswith(" "):
+            found[-1].append(line.strip())
+        else:
+            found.append([line.strip()])
+    for each in found:
+        head = ENTRY.fullmatch(each[0])
+        if head:
+            yield f"* ``{head[1]}``: {escaped(' '.join([head[2], *each[1:]]))}"
+        else:
+            yield f"{escaped(' '.join(each))}"
+        yield ""
+
+
+def paragraphs(lines: Sequence[str]) -> Iterator[list[str]]:
+    """Runs of lines without an empty one between them."""
+    for filled, group in groupby(lines, key=lambda line: bool(line.strip())):
+        if filled:
+            yield list(group)
+
+
+def plain(lines: Sequence[str]) -> list[str]:
+    """A docstring's lines, dedented, as reStructuredText that reads the same."""
+    out: list[str] = []
+    listed = False
+    for paragraph in paragraphs(lines):
+        if len(paragraph) > 1 and UNDERLINE.fullmatch(paragraph[1].strip()):
+            out += [f"**{paragraph[0].strip()}**", ""]
+            listed, paragraph = True, paragraph[2:]
+        if paragraph and all(line.startswith("  ") for line in paragraph):
+            out += ["::", "", *(f"    {line}" for line in paragraph), ""]
+        elif listed and any(ENTRY.fullmatch(line) for line in paragraph):
+            out += entries(paragraph)
+        elif paragraph and paragraph[0].startswith("- "):
+            out += [f"* {escaped(line.strip().removeprefix('- '))}" for line in joined_items(paragraph)] + [""]
+        elif paragraph:
+            out += [escaped(" ".join(line.strip() for line in paragraph)), ""]
+    return out
+
+
+def joined_items(lines: Sequence[str]) -> list[str]:
+    """Items of a list with hyphens, each in one line."""
+    found: list[str] = []
+    for line in lines:
+        if line.startswith("- ") or not found:
+            found.append(line.strip())
+        else:
+            found[-1] += " " + line.strip()
+    return found
+
+
+def process(app: Any, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Sphinx's hook: the lines are changed where they stand. Docstrings of other packages are left alone."""
+    lines[:] = plain(lines)
+
+
+def setup(app: Any) -> dict[str, object]:
+    """Sphinx's hook of an extension."""
+    app.connect("autodoc-process-docstring", process)
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

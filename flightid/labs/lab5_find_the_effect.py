@@ -1,0 +1,255 @@
+import marimo
+
+__generated_with = "0.20.0"
+app = marimo.App(width="medium", app_title="Lab 5: find the effect")
+
+
+@app.cell
+def _():
+    import marimo as mo
+    import numpy as np
+
+    from flightid.labs import page
+    from flightid.labs.figures import figure_residual
+    from flightid.labs.workings import hidden_effect as lab
+    from scenarios.plots.signals import figure_record
+
+    return figure_record, figure_residual, lab, mo, np, page
+
+
+@app.cell
+def _(page):
+    page.heading(
+        5,
+        "Find the effect",
+        """To read a residual. Something acts on this flight that the rigid model does not know, or nothing does. You say first what it is; then the
+        tracing loop shows its
+        evidence; the truth is opened last.""",
+    )
+    return
+
+
+@app.cell
+def _(lab, mo, page):
+    _rows = [[words, suspect.shows] for words, suspect in lab.SUSPECTS.items()]
+    mo.vstack(
+        [
+            mo.md(r"""
+    ## Theory
+
+    Fit the wrong model by output error, and its residual $v = z - \hat y$ is noise plus what the model lacks, projected off what the parameters could
+    imitate:
+
+    $$ v \;\approx\; e + \big(I - S (S^T R^{-1} S)^{-1} S^T R^{-1}\big)\, d , $$
+
+    where $d$ is the response that the missing effect makes in the outputs, $S$ the sensitivities of the fitted parameters, $e$ the noise. Part of $d$
+    has gone into the derivatives, which are now **biased**;
+    the rest stands in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
+
+    **Reading it.** Which channels? What came before: a switch of the elevator, or nothing? Does it return, or fade, or grow? Is it one frequency?
+
+    **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then
+    a full fit, then the prediction of a **second record that was not fitted**.
+    An effect is claimed if the data force it: a gain in likelihood that noise would hardly give, and a better prediction. Where two effects explain
+    the data equally well it says so.
+    """),
+            mo.accordion({"Signatures: how each suspect shows": page.table(["suspect", "its signature"], _rows)}),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(lab, mo):
+    seed = mo.ui.number(1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each draws another secret")
+    get_locked, set_locked = mo.state(None)
+    get_opened, set_opened = mo.state(None)
+    get_rounds, set_rounds = mo.state(())
+    return get_locked, get_opened, get_rounds, seed, set_locked, set_opened, set_rounds
+
+
+@app.cell
+def _(figure_record, lab, mo, page, seed):
+    flown = lab.flown(seed.value)
+    mo.vstack(
+        [
+            mo.md("## 1. The record"),
+            seed,
+            page.picture(figure_record(flown.train), "elevator, angle of attack, pitch rate and load factor over time"),
+        ]
+    )
+    return (flown,)
+
+
+@app.cell
+def _(figure_residual, flown, lab, mo, np, page, seed):
+    _found = lab.fitted(seed.value)
+    _residuals = lab.residuals(seed.value)
+    _rows = [
+        [name, f"{np.sqrt(np.mean(values**2)) / flown.noise[name]:.2f}", f"{np.corrcoef(values[1:], values[:-1])[0, 1]:+.2f}"]
+        for name, values in _residuals.items()
+    ]
+    mo.vstack(
+        [
+            mo.md("## 2. What the rigid model leaves of it"),
+            page.picture(
+                figure_residual(flown.train.time, _residuals, {channel.name: channel.unit for channel in flown.train.outputs}, flown.noise),
+                "residuals of angle of attack, pitch rate and load factor over time, their power spectra and autocorrelations",
+            ),
+            page.table(["channel", "rms residual / noise", "correlation with the sample before"], _rows),
+            mo.accordion(
+                {
+                    "The fit itself": page.picture(_found.plot.fit(), "measured and fitted outputs"),
+                    "Another record, predicted": page.picture(_found.plot.held_out(), "a record that was not fitted, measured and predicted"),
+                }
+            ),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(lab, mo, seed):
+    # A new seed is a new case: the guess is empty again.
+    _ = seed.value
+    guess = mo.ui.radio(list(lab.SUSPECTS), value=None, label="What acts here?")
+    sure = mo.ui.slider(0, 100, step=10, value=50, label="how sure are you, %", show_value=True)
+    return guess, sure
+
+
+@app.cell
+def _(guess, mo, seed, set_locked, sure):
+    show = mo.ui.button(
+        label="This is my guess. Show the loop",
+        kind="success",
+        disabled=guess.value is None,
+        on_click=lambda _: set_locked((seed.value, guess.value, sure.value)),
+    )
+    mo.vstack(
+        [
+            mo.md("## 3. Your guess"),
+            guess,
+            sure,
+            show,
+            mo.md("*Choose first: the loop is shown to those who have said something.*" if guess.value is None else ""),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(flown, get_locked, lab, mo, page, seed):
+    _locked = get_locked()
+    mo.stop(_locked is None or _locked[0] != seed.value)
+    with mo.status.spinner(title="The loop tries every effect that it knows: some seconds, half a minute for some"):
+        found = lab.diagnosed(seed.value)
+    guessed, sureness = _locked[1:]
+    _errors = [
+        [name, f"{found.error_before[name] / found.noise_floor[name]:.2f}", f"{found.error_after[name] / found.noise_floor[name]:.2f}"]
+        for name in found.error_before
+    ]
+    _effects = [
+        f"- **{effect.name}**: {effect.sentence}" + (f" (these data fit as well: {', '.join(effect.alternatives)})" if effect.alternatives else "")
+        for effect in found.effects
+    ]
+    mo.vstack(
+        [
+            mo.md(f"## 4. What the loop says\n\nYou said: **{guessed}** ({sureness} % sure)."),
+            mo.callout(mo.md(f"**{found.verdict.upper()}.** {found.headline}\n\n" + "\n".join(_effects)), kind="info"),
+            page.picture(found.plot.evidence(), "gain in likelihood of the candidates of each round"),
+            page.picture(found.plot.residuals(), "residuals before and after"),
+            mo.md("Error on the record that was **not** fitted, over that of noise alone:"),
+            page.table(["channel", "rigid model", "with what was found"], _errors),
+            page.command_line("flightid diagnose train.csv --model rigid --vehicle vehicle.toml --validate validate.csv --out study"),
+            mo.hstack(
+                [mo.download(flown.path(name).read_bytes(), filename=name, label=name) for name in ("train.csv", "validate.csv", "vehicle.toml")],
+                justify="start",
+                wrap=True,
+            ),
+        ]
+    )
+    return found, guessed, sureness
+
+
+@app.cell
+def _(found, guessed, lab, mo, seed, set_opened, set_rounds, sureness):
+    _ = found
+
+    def _open(_):
+        set_opened(seed.value)
+        _right = guessed == lab.drawn(seed.value)[0]
+        set_rounds(
+            lambda rounds: (
+                *(each for each in rounds if each[0] != seed.value),
+                (seed.value, guessed, sureness, _right, lab.found_by_loop(seed.value)),
+            )
+        )
+
+    mo.vstack([mo.md("## 5. The truth"), mo.ui.button(label="Open the envelope", kind="warn", on_click=_open)])
+    return
+
+
+@app.cell
+def _(found, get_opened, guessed, lab, mo, page, seed):
+    mo.stop(get_opened() != seed.value)
+    _words, _values = lab.drawn(seed.value)
+    _claimed = {effect.name: effect for effect in found.effects}.get(lab.SUSPECTS[_words].name)
+    _rows = [
+        [
+            name,
+            f"{value:.4g}",
+            f"{_claimed[name].value:.4g} ± {_claimed[name].sigma:.2g}" if _claimed is not None and name in _claimed.parameters else "–",
+        ]
+        for name, value in _values.items()
+    ]
+    mo.vstack(
+        [
+            mo.callout(
+                mo.md(
+                    f"Hidden was: **{_words}**. Your guess was **{'right' if guessed == _words else 'wrong'}**, "
+                    f"the loop {'right' if lab.found_by_loop(seed.value) else 'not right'}."
+                ),
+                kind="success" if guessed == _words else "danger",
+            ),
+            page.table(["value, SI", "true", "found by the loop"], _rows) if _rows else mo.md(""),
+            mo.md(f"Its signature: {lab.SUSPECTS[_words].shows}. Go back to part 2: would you see it now?"),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(get_rounds, mo, page):
+    _rounds = get_rounds()
+    mo.stop(not _rounds)
+    _rows = [[str(each[0]), each[1], f"{each[2]} %", "yes" if each[3] else "no", "yes" if each[4] else "no"] for each in _rounds]
+    _brier = sum((each[2] / 100 - each[3]) ** 2 for each in _rounds) / len(_rounds)
+    mo.vstack(
+        [
+            mo.md("### Your rounds"),
+            page.table(["seed", "your guess", "sure", "you were right", "the loop was right"], _rows),
+            mo.md(
+                f"Brier score of your guesses, the mean of (sure − right)²: **{_brier:.2f}**. "
+                "Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and wrong gets 1."
+            ),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## Questions
+
+    1. Seed 1: in which channel does the residual stand, and which *measured* signal does it resemble? What geometry makes a sensor do that?
+    2. Seed 1: the loop names an alternative. Why do these data not tell the two apart, and which further channel or maneuver would?
+    3. Why is the error on the *second* record a better judge than that on the first?
+    4. Which of the suspects would bias the derivatives most while leaving the smallest residual?
+    5. Play five seeds. Is your Brier score below 0.25? If you are wrong more often than you are sure, what do you look at first next time?
+    """)
+    return
+
+
+if __name__ == "__main__":
+    app.run()

@@ -1,0 +1,227 @@
+import marimo
+
+__generated_with = "0.20.0"
+app = marimo.App(width="medium", app_title="Lab 7: bring your own data")
+
+
+@app.cell
+def _():
+    import marimo as mo
+
+    from flightid.labs import page
+    from flightid.labs.workings import own_data as lab
+
+    return lab, mo, page
+
+
+@app.cell
+def _(page):
+    page.heading(
+        7,
+        "Bring your own data",
+        """To go the whole way with a record of your own: say what its columns are, look at the sensors before any model, identify, ask what the model
+        lacks, and take a report home.""",
+    )
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## Theory
+
+    **Order matters.** A model can be blamed for a sensor's fault, never the other way round if the sensors are looked at first.
+
+    *1. Kinematics before aerodynamics.* Angle of attack, pitch rate and load factor are tied to each other whatever the aerodynamics are; about trim,
+
+    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_{\text{vane}} = \lambda\,\alpha - \frac{x_v}{V}\, q + b_\alpha . $$
+
+    Integrate measured rates and load factor, compare with the measured angle: what does not fit is bias, scale, delay or a vane off the centre of
+    gravity. This is the **data compatibility check**.
+
+    *2. Identification* fits the derivatives by output error (lab 2), with a bias for each output. Its sigmas are honest only if its residual is white
+    (lab 6).
+
+    *3. Diagnosis* (lab 5) tries what the model may lack and judges by a record, or a part of one, that was not fitted.
+
+    **What you need.** A CSV file with `time`, an input (`elevator`; `stick`; `aileron` and `rudder`) that moves, and one output at least (`alpha`,
+    `q`, `nz`). Units in the header, `alpha [deg]`, or in a channel map. A vehicle file
+    with mass, geometry, flight condition and starts that may be 30 % wrong. Signs: nose up is positive, an elevator is positive trailing edge down.
+    """)
+    return
+
+
+@app.cell
+def _(lab, mo):
+    source = mo.ui.radio(["the example", "my own files"], value="the example", label="Which records?", inline=True)
+    uploads = mo.ui.file(filetypes=[".csv"], multiple=True, kind="area", label="CSV files, one a maneuver; drop them here")
+    model = mo.ui.dropdown(list(lab.VEHICLES), value="rigid", label="model")
+    return model, source, uploads
+
+
+@app.cell
+def _(lab, mo, model, source):
+    vehicle = mo.ui.text_area(value=lab.vehicle_text(model.value), rows=16, full_width=True, label="vehicle file (TOML): put your numbers in")
+    channels = mo.ui.text_area(
+        value=lab.MAP if source.value == "the example" else "",
+        rows=6,
+        full_width=True,
+        label="channel map (TOML), where your headers are not ours; may be empty",
+    )
+    return channels, vehicle
+
+
+@app.cell
+def _(channels, lab, mo, model, source, uploads, vehicle):
+    _own = source.value == "my own files"
+    mo.vstack(
+        [
+            mo.md("## 1. Your files"),
+            source,
+            uploads
+            if _own
+            else mo.hstack(
+                [
+                    mo.md("Two records, exported as flight-test systems do:"),
+                    *(mo.download(content, filename=name, label=name) for name, content in lab.example()),
+                ],
+                justify="start",
+                wrap=True,
+            ),
+            model,
+            vehicle,
+            channels,
+        ]
+    )
+    return
+
+
+@app.cell
+def _(channels, lab, mo, page, source, uploads, vehicle):
+    _files = lab.example() if source.value == "the example" else tuple((each.name, each.contents) for each in uploads.value)
+    mo.stop(not _files, mo.callout(mo.md("No file yet."), kind="neutral"))
+    given, _refused = lab.tried(lambda: lab.kept(_files, vehicle.value, channels.value))
+    _records, _error = lab.tried(lambda: lab.read(given)) if given else (None, _refused)
+    mo.stop(bool(_error), mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger"))
+    mo.vstack(
+        [
+            mo.md("## 2. What was read"),
+            page.table(["record", "channel", "unit", "samples", "least", "greatest"], lab.channel_rows(_records)),
+            mo.md("Columns that no channel needs are not looked at. A channel that you miss here has another header: put it into the map."),
+        ]
+    )
+    return (given,)
+
+
+@app.cell
+def _(given, lab, mo, page):
+    _check, _error = lab.tried(lambda: lab.checked(given))
+    mo.vstack(
+        [
+            mo.md("## 3. The sensors, before any model"),
+            mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger")
+            if _check is None
+            else mo.md("\n".join(f"- {line}" for line in (*_check.sentences, *_check.warnings)) or "The kinematics find nothing to say."),
+            page.picture(_check.plot.reconstruction(), "measured channels against those that the kinematics reconstruct")
+            if _check is not None and _check.details.result.reconstructions
+            else mo.md(""),
+            page.command_line(
+                "flightid check "
+                + " ".join(path.name for path in given.records)
+                + " --vehicle vehicle.toml"
+                + (" --channels map.toml" if given.channels else "")
+            ),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(given, lab, mo, model, page):
+    _found, _error = lab.tried(lambda: lab.identified(given, model.value))
+    if _found is None:
+        _shown = [mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger")]
+    else:
+        _shown = [
+            page.table(
+                ["parameter", "unit", "estimate", "sigma", "started at"],
+                [
+                    [p.name, p.unit, f"{p.value:.4g}", f"{p.sigma:.2g}", "" if p.start is None else f"{p.start:.4g}"]
+                    for p in _found.parameters.values()
+                ],
+            ),
+            mo.md(f"Outcome: {_found.outcome}." + "".join(f"\n- {line}" for line in (*_found.warnings, *_found.notes))),
+            page.picture(_found.plot.fit(), "measured and fitted outputs with what is left"),
+        ]
+    mo.vstack(
+        [
+            mo.md("## 4. Identification"),
+            *_shown,
+            page.command_line(
+                "flightid identify "
+                + " ".join(path.name for path in given.records)
+                + f" --model {model.value} --vehicle vehicle.toml"
+                + (" --channels map.toml" if given.channels else "")
+            ),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(given, mo):
+    # Other files are another question: it is asked again.
+    _ = given
+    ask = mo.ui.run_button(label="What does the model lack?", kind="success")
+    mo.vstack(
+        [
+            mo.md("## 5. Diagnosis"),
+            mo.md("The loop tries every effect that it knows. A short record takes some seconds, several long ones take minutes."),
+            ask,
+        ]
+    )
+    return (ask,)
+
+
+@app.cell
+def _(ask, given, lab, mo, model, page):
+    mo.stop(not ask.value)
+    with mo.status.spinner(title="Tracing what the residual comes from"):
+        _found, _error = lab.tried(lambda: lab.diagnosed(given, model.value))
+    mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger"))
+    _effects = [f"- **{effect.name}**: {effect.sentence}" for effect in _found.effects]
+    mo.vstack(
+        [
+            mo.callout(mo.md(f"**{_found.verdict.upper()}.** {_found.headline}\n\n" + "\n".join(_effects)), kind="info"),
+            page.picture(_found.plot.prediction(), "what was held out: measured and predicted, before and after"),
+            page.picture(_found.plot.derivatives(), "parameters before and after"),
+            mo.md("\n".join(f"- {line}" for line in (*_found.warnings, *_found.notes))),
+            mo.download(lambda: lab.report(_found), filename="report.html", mimetype="text/html", label="Download the report"),
+            page.command_line(
+                "flightid diagnose "
+                + " ".join(path.name for path in given.records)
+                + f" --model {model.value} --vehicle vehicle.toml"
+                + (" --channels map.toml" if given.channels else "")
+                + " --out study"
+            ),
+        ]
+    )
+    return
+
+
+@app.cell
+def _(mo):
+    mo.md(r"""
+    ## Questions
+
+    1. The example: does the kinematic check alone already name the fault? In which sentence?
+    2. By how many of its sigmas does each derivative move when the fault is taken into account (the last figure)? Which sigma was honest before?
+    3. Set the unit of `alpha` in the map to `rad`. Who notices, and in which words? What would have happened without that check?
+    4. Your own record: is the residual white? If not, which of labs 3 to 6 does it remind you of?
+    5. Which maneuver would you fly next, and which sensor would you add, to decide what your record left open?
+    """)
+    return
+
+
+if __name__ == "__main__":
+    app.run()

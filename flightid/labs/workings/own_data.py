@@ -1,0 +1,184 @@
+"""Lab 7: a user's own files, read, checked, identified and diagnosed; and an example of such files, as a flight-test system might export them."""
+
+from __future__ import annotations
+
+import io
+import re
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import flightid
+    from scenarios.trials.planted.flights import FlownTrace
+    from sim.record import Record
+
+Found = TypeVar("Found")
+
+# A vehicle of the library for each model, to be overwritten with one's own numbers.
+VEHICLES = {
+    "rigid": "",
+    "loes": "",
+    "longitudinal": "navion_longitudinal",
+    "lateral": "navion_lateral",
+    "flexible": "bomber_ac1",
+    "ballistic": "ballistic_target",
+}
+SHORT = ("flight.rate=20 Hz", "flight.train.duration=18 s", "flight.validate.duration=14 s")
+EXAMPLE = "trace-vane"  # of two records of a flight whose vane sits far ahead
+HEADERS = {"elevator": ("Elev pos", "deg"), "alpha": ("AoA1", "deg"), "q": ("Pitch Rate [deg/s]", "deg/s"), "nz": ("N_z", "g")}
+MAP = """time = {column = "t (ms)", unit = "ms"}
+elevator = {column = "Elev pos", unit = "deg"}
+alpha = {column = "AoA1", unit = "deg"}
+q = "Pitch Rate [deg/s]"
+nz = "N_z"
+"""
+LOES = """name = "augmented"
+airspeed = 295.5
+gravity = 9.80665
+[derivatives]
+L_alpha = -1.9
+M_alpha = -14.0
+L_delta = 0.0
+M_delta = 0.38
+L_q = 1.0
+M_q = -3.7
+inv_tau = 8.0
+delay = 0.08
+"""
+_PREFIX = "flightid-"
+_SCRATCH = re.compile(rf"\S*/{_PREFIX}[^/\s]+/")  # where uploaded files lie, which says nothing to who uploaded them
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Uploaded files in a folder that lives as long as this."""
+
+    folder: tempfile.TemporaryDirectory[str]
+    records: tuple[Path, ...]
+    vehicle: Path
+    channels: Path | None
+
+
+def vehicle_text(model: str) -> str:
+    """A vehicle file to begin with: of ``rigid`` the example's, whose starts are 30 % off, else of the library."""
+    import flightid
+
+    if model == "rigid":
+        return _flown().vehicle_file
+    return flightid.vehicle(VEHICLES[model]).to_toml() if VEHICLES[model] else LOES
+
+
+def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:
+    """Files as they came (name and content), the text of the vehicle file, and that of a channel map, where there is one.
+
+    Raises
+    ------
+    FlightidError : two files have one name.
+    """
+    from sim.errors import RecordError
+
+    names = [Path(name).name for name, _ in records]
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordError("two files have this name", where=name, remedy="rename one")
+    folder = tempfile.TemporaryDirectory(prefix=_PREFIX)
+    home = Path(folder.name)
+    for name, (_, content) in zip(names, records, strict=True):
+        (home / name).write_bytes(content)
+    (home / "vehicle.toml").write_text(vehicle, encoding="utf-8")
+    if channels.strip():
+        (home / "map.toml").write_text(channels, encoding="utf-8")
+    return Kept(folder, tuple(home / name for name in names), home / "vehicle.toml", home / "map.toml" if channels.strip() else None)
+
+
+def tried(what: Callable[[], Found]) -> tuple[Found | None, str]:
+    """What a function returns, and the one line of its error, of which one is empty."""
+    from sim.errors import FlightidError
+
+    try:
+        return what(), ""
+    except FlightidError as error:
+        return None, _SCRATCH.sub("", " ".join(str(error).split()))
+
+
+def read(given: Kept) -> list[flightid.Record]:
+    """The records with the channels that are found in them."""
+    import flightid
+
+    return [flightid.read_record(path, channels=given.channels) for path in given.records]
+
+
+def checked(given: Kept) -> flightid.Check:
+    """What the kinematics say of the sensors."""
+    import flightid
+
+    return flightid.check(given.records, given.vehicle, channels=given.channels)
+
+
+def identified(given: Kept, model: str, method: str = "output-error") -> flightid.Identification:
+    """Parameters from all records together."""
+    import flightid
+
+    return flightid.identify(given.records, model, given.vehicle, method=method, channels=given.channels)
+
+
+def diagnosed(given: Kept, model: str) -> flightid.Diagnosis:
+    """What the model lacks; the last of several records, or the last part of one, is held out."""
+    import flightid
+
+    return flightid.diagnose(given.records, model, given.vehicle, channels=given.channels)
+
+
+def report(found: flightid.Diagnosis) -> bytes:
+    """The report as one HTML file."""
+    with tempfile.TemporaryDirectory(prefix=_PREFIX) as scratch:
+        return found.report(Path(scratch, "report.html")).read_bytes()
+
+
+def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
+    """Of each channel of each record: samples, unit, least and greatest value."""
+    rows = []
+    for record in records:
+        for name, unit in record.units.items():
+            values: Any = record[name]
+            rows.append([record.name, name, unit, str(int(np.isfinite(values).sum())), f"{np.nanmin(values):.4g}", f"{np.nanmax(values):.4g}"])
+    return rows
+
+
+@cache
+def _flown() -> FlownTrace:
+    from scenarios.studies.catalogue import load_document
+    from scenarios.trials.planted.flights import fly_trace
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    return fly_trace(trace_scenario_of(*load_document(EXAMPLE, SHORT)), 1)
+
+
+def example() -> tuple[tuple[str, bytes], ...]:
+    """Two records as a flight-test system exports them: milliseconds, degrees, headers of its own, values rounded, some missing."""
+    found = _flown()
+    return (("point_1.csv", exported(found.train)), ("point_2.csv", exported(found.validate)))
+
+
+def exported(record: Record, missing: Mapping[str, int] | None = None) -> bytes:
+    """A record as such a CSV file; every so many samples of a channel are left empty."""
+    from scenarios.files.units import to_si
+    from sim.errors import DeclarationError
+
+    holes = {"alpha": 37} if missing is None else missing
+    out = io.StringIO()
+    out.write(",".join(["t (ms)", *(HEADERS[channel.name][0] for channel in record.channels)]) + "\n")
+    factors = {c.name: float(to_si(1.0, HEADERS[c.name][1], c.unit, c.name, DeclarationError)) for c in record.channels}
+    for at, time in enumerate(record.time):
+        cells = [
+            "" if channel.name in holes and at % holes[channel.name] == 5 else f"{channel.values[at] / factors[channel.name]:.4f}"
+            for channel in record.channels
+        ]
+        out.write(",".join([f"{100000 + 1000 * time:.0f}", *cells]) + "\n")
+    return out.getvalue().encode()

@@ -1,0 +1,173 @@
+"""The bank of delays on line, linearised anew while rows arrive: its estimate is that of the whole record so far, as `run_delay_bank` refines it.
+
+When the rows have told enough, the refinement runs over all of them, and filters at delays one sigma apart around its result, linearised
+about the smoothed trajectory, go on row by row from where it ends. They are near the answer by then, so that an extended Kalman
+filter is as good as the iterated one; it is linearised again when what is known has grown much or the estimate has moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.banks.delays import likelihood_weights, run_delay_bank
+from ident.banks.iterated import run_iterated_bank
+from ident.banks.online import BankState, OnlineBank, Rows, advance, online_bank, with_delays
+from ident.estimate import Estimate, Outcome
+from sim.declaration.system import System
+from sim.errors import FlightidError
+from sim.record import Record
+
+REACH = 4  # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
+SHARPER = 0.5  # of the sigma when last linearised: a curvature that was of no account over that is of less over this
+MOVED = 1.0  # sigmas when last linearised: within one the quadratic term is a small part of the linear one
+GROWN = 1.25  # of the rows when last linearised: all refinements together then cost five times the last one
+COARSE = 0.5  # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
+EDGE = 0.01  # likelihood of the outermost filter: above, the grid stands aside
+SETTLED = 0.1  # sigmas within which iterated filters count as settled
+ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are not this far apart
+
+
+@dataclass(frozen=True, eq=False)
+class Relinearised:
+    """The ``bank`` at fine delays and its ``state``; ``rows`` it was last linearised over, with ``mean`` and ``std (n + 1,)`` then, the delay last;
+    ``apart (n,)`` how far iterated filters ended from it that were linearised elsewhere first, zero where they agree."""
+
+    bank: OnlineBank
+    state: BankState
+    rows: int
+    mean: np.ndarray
+    std: np.ndarray
+    apart: np.ndarray
+
+
+def told_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
+    """Whether the most likely filter knows any of these parameters twice as well as before the first row."""
+    at = [bank.names.index(name) for name in names]
+    return bool(np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at])))
+
+
+def linearise(record: Record, system: System, plain: OnlineBank, state: BankState, elsewhere: np.ndarray, name: str = "delay") -> Relinearised | None:
+    """Refine over all rows and go on from there; None where the refinement finds no delay inside the grid, or does not settle.
+
+    Parameters
+    ----------
+    record : the rows so far, or as many of the last as shall count.
+    system : for them, as for ``run_delay_bank``.
+    plain, state : the bank on line after the last row; ``state`` knows the recent inputs.
+    elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about first.
+    """
+    try:
+        found = run_delay_bank(record, system, name=name)
+    except FlightidError:
+        return None
+    if not found.refined_std > 0 or found.estimate.outcome is not Outcome.CONVERGED or found.about is None:
+        return None
+    fine = _fine(found.refined, found.refined_std, plain.delays)
+    runs, _ = run_iterated_bank(record, found.system, held={name: fine}, about=found.about[:, :, None], tolerance=SETTLED)
+    if np.count_nonzero(runs.sound) < 3:
+        return None
+    silent = np.full(len(plain.R), np.nan)
+    none = np.zeros(len(plain.R), dtype=bool)
+    begun = (runs.mean, runs.covariance, runs.log_likelihood, runs.sound, silent, silent, none, none.astype(int))
+    after = BankState(*begun, state.rows_seen, state.past_time, state.past_inputs)
+    bank = replace(online_bank(found.system, plain.interval, fine.tolist(), name=name), memory=plain.memory)
+    mean, covariance = joint(bank, after)
+    std = np.sqrt(np.diagonal(covariance))
+    return Relinearised(bank, after, state.rows_seen, mean, std, _apart(record, found.system, name, found.refined, found.about, elsewhere, std[:-1]))
+
+
+def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
+    """On through rows, one for each."""
+    return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
+
+
+def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
+    """The same, its delays laid anew where they have become too far apart for a sum over them, or stand aside of the likely ones."""
+    bank, state = current.bank, current.state
+    mean, covariance = joint(bank, state)
+    weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
+    inside = (weights[0] < EDGE or bank.delays[0] <= 0.0) and weights[-1] < EDGE
+    dense = float(np.sqrt(covariance[-1, -1])) > COARSE * float(np.diff(bank.delays).mean())
+    return current if not state.sound.any() or (inside and dense) else _laid_anew(current, mean, covariance)
+
+
+def due(current: Relinearised, names: Sequence[str]) -> bool:
+    """Whether the filters should be linearised again: more rows, and these parameters much sharper, or moved. Constant terms need not be among
+    them: they act alike wherever the filters are linearised."""
+    if current.state.rows_seen < GROWN * current.rows:
+        return False
+    mean, covariance = joint(current.bank, current.state)
+    at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
+    std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
+    return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before))
+
+
+def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
+    """Mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters by their likelihood: within and between them."""
+    weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
+    use = np.flatnonzero(state.sound & (weights > 1e-12))
+    use = use if use.size else np.array([state.best])
+    points = np.vstack([state.mean[:, use], bank.delays[use]])
+    share = weights[use] / weights[use].sum()
+    mean = points @ share
+    away = points - mean[:, None]
+    covariance = (share * away) @ away.T
+    n = len(mean) - 1
+    covariance[:n, :n] += np.einsum("b,bij->ij", share, state.covariance[use])
+    # A filter that is alone says nothing of the delay: any within its step of the grid.
+    if use.size == 1:
+        covariance[n, n] = float(np.diff(bank.delays).mean()) ** 2 / 12.0
+    return mean, 0.5 * (covariance + covariance.T)
+
+
+def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") -> Estimate:
+    """The parameters with the delay as the last one; what other points of linearisation ended apart by stands in the sigmas."""
+    bank, state = current.bank, current.state
+    n_x = len(bank.system.states)
+    mean, covariance = joint(bank, state)
+    covariance = covariance + np.diag(np.append(np.square(current.apart), 0.0))
+    outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
+    likely = float(state.log_likelihood[state.best])
+    names, units = (*bank.names[n_x:], name), (*bank.units, unit)
+    std = np.sqrt(np.diag(bank.R))
+    return Estimate("online", names, units, mean[n_x:], covariance[n_x:, n_x:], outcome, likely, bank.system.output_names, std, ())
+
+
+def _fine(delay: float, std: float, declared: np.ndarray) -> np.ndarray:
+    """Delays one sigma apart, as far as the declared ones reach."""
+    fine = delay + std * np.arange(-REACH, REACH + 1)
+    inside = fine[(fine >= declared.min()) & (fine <= declared.max())]
+    return inside if inside.size >= 3 else np.clip(fine, declared.min(), declared.max())
+
+
+def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
+    """The same Gaussian of states, parameters and delay, cut at other delays."""
+    bank, state, n = current.bank, current.state, len(mean) - 1
+    variance = max(float(covariance[n, n]), 1e-12)
+    fine = _fine(float(mean[n]), variance**0.5, np.array([0.0, bank.memory]))
+    slope = covariance[:n, n] / variance
+    within = covariance[:n, :n] - np.outer(slope, slope) * variance
+    means = mean[:n, None] + slope[:, None] * (fine - mean[n])
+    likely = float(state.log_likelihood[state.best]) - 0.5 * np.square(fine - mean[n]) / variance
+    count = fine.size
+    new = state._replace(mean=means, covariance=np.repeat(within[None], count, axis=0), log_likelihood=likely, sound=np.ones(count, dtype=bool))
+    return replace(current, bank=with_delays(bank, fine), state=new)
+
+
+def _apart(record: Record, system: System, name: str, delay: float, about: np.ndarray, elsewhere: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """How far from the rest of them iterated filters end that began about other parameters ``(n, K)``; zero where all end together."""
+    n_x, count = len(system.states), elsewhere.shape[1]
+    points = np.repeat(about[:, :, None], 1 + count, axis=2)
+    points[n_x:, :, 1:] = elsewhere[n_x:, None]
+    runs, _ = run_iterated_bank(record, system, held={name: np.full(1 + count, delay)}, about=points, tolerance=SETTLED)
+    others = runs.sound.copy()
+    others[0] = False
+    if not others.any():
+        return np.zeros(len(std))
+    # One that ends with a lower likelihood has been refuted by the rows: beyond three sigmas of it.
+    others &= runs.log_likelihood > runs.log_likelihood[0] - 4.5
+    far = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
+    return np.where(far > ELSEWHERE * std, far, 0.0)

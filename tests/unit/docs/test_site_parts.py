@@ -1,0 +1,112 @@
+"""What the site's extension does to links, docstrings and declarations, and what its check finds; `.ci/run` builds the site itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs._ext import check
+from docs._ext.docstrings import plain
+from docs._ext.links import turned
+from docs._ext.made.commands import commands_page
+from docs._ext.made.effects import effects_page
+from docs._ext.made.models import models_page, names_page
+from docs._ext.made.pages import page_names
+from docs._ext.made.vehicles import vehicles_page
+from sim.effects.library import effect_names
+from sim.vehicles.factory import FAMILIES
+from sim.vehicles.library import read_parameter_set, vehicle_names
+
+ROOT = Path(__file__).parents[3]
+PAGES = {"docs/how-to/watch.md": "how-to/watch", "CHANGELOG.md": "made/changelog", "sim": "made/api/sim", "sim/record.py": "made/api/sim#recordpy"}
+
+
+@pytest.mark.parametrize(
+    ("written", "on_the_site"),
+    [
+        ("[a](watch.md)", "[a](watch.md)"),
+        ("[a](watch.md#what-arrives)", "[a](watch.md#what-arrives)"),
+        ("[a](../../CHANGELOG.md)", "[a](../made/changelog.md)"),
+        ("[`x`](../../sim/record.py)", "[`x`](../made/api/sim.md#recordpy)"),
+        ("[a](../../sim/)", "[a](../made/api/sim.md)"),
+        ("[a](../../LICENSE)", "a"),
+        ("[a](https://example.org) and [b](#here)", "[a](https://example.org) and [b](#here)"),
+        ("![a](../phase.png)", "![a](../phase.png)"),
+        ("```text\n[a](../../LICENSE)\n```\n", "```text\n[a](../../LICENSE)\n```\n"),
+    ],
+)
+def test_links_of_the_checkout_become_links_of_the_site(written: str, on_the_site: str) -> None:
+    assert turned(written, "docs/how-to/own-record.md", "how-to/own-record", PAGES, frozenset({"docs/phase.png"})) == on_the_site
+
+
+def test_every_document_and_package_is_a_page() -> None:
+    names = page_names(ROOT)
+    assert {f"docs/{page}.md" for page in ("start", "limits", "how-to/watch", "decisions/0001-three-rooms")} <= names.keys()
+    assert names["sim/effects/dynamics"] == names["sim/effects/dynamics/README.md"] == "made/api/sim.effects.dynamics"
+    assert names["ident/filters/ekf.py"] == "made/api/ident.filters#ekfpy"
+    assert names["CONTRIBUTING.md"] == "made/contributing"
+
+
+def test_a_docstring_reads_the_same() -> None:
+    text = [
+        "An update_ of *all* |x|, see ``fly`` and `run`.",
+        "",
+        "    x_dot = A x",
+        "",
+        "Parameters",
+        "----------",
+        "a_, b : shapes ``(n,)``,",
+        "    in s.",
+        "",
+    ]
+    assert "\n".join(plain(text)) == (
+        "An update\\_ of \\*all\\* \\|x\\|, see \\ ``fly``\\  and \\ ``run``\\ .\n\n::\n\n        x_dot = A x\n\n"
+        "**Parameters**\n\n* ``a_, b``: shapes \\ ``(n,)``\\ , in s.\n"
+    )
+    assert plain(["- one", "  of two lines", "- two"]) == ["* one of two lines", "* two", ""]
+    assert plain(["1. begins like a list"]) == ["\\ 1. begins like a list", ""]
+
+
+def test_made_pages_say_what_the_code_declares() -> None:
+    effects = effects_page()
+    assert all(f"\n### {name}\n" in effects for name in {name.partition(":")[0] for name in effect_names()})
+    assert all(f"`{name}`" in effects for name in effect_names())
+    models, names = models_page(), names_page()
+    for name, (equations, constants, derivatives) in FAMILIES.items():
+        assert f"\n## {name}\n" in models
+        for each in (*constants, *derivatives, *(signal.name for signal in (*equations.states, *equations.inputs, *equations.outputs))):
+            assert f"| `{each}` |" in models and f"| `{each}` |" in names
+    vehicles = vehicles_page()
+    for name in vehicle_names():
+        assert all(f"| `{number.name}` | {number.value:.7g} |" in vehicles for number in read_parameter_set(name).numbers)
+
+
+def test_every_command_is_on_its_page_with_every_option() -> None:
+    from typer.main import get_command
+
+    from scenarios.cli import app
+
+    page = commands_page()
+    commands = {name: command for name, command in get_command(app).commands.items() if not command.hidden}  # type: ignore[attr-defined]
+    for name, command in commands.items():
+        part = page.split(f"\n## flightid {name}\n")[1].split("\n## ")[0]
+        for item in command.params:
+            if not getattr(item, "hidden", False) and item.opts[0].startswith("-") and item.name != "help":
+                assert f"`{item.opts[0]}" in part, (name, item.opts)
+
+
+def test_the_check_of_a_site_finds_what_is_wrong(tmp_path: Path) -> None:
+    (tmp_path / "b.html").write_text('<h1 id="there">b</h1>')
+    (tmp_path / "index.html").write_text(
+        '<a href="b.html#there">1</a><a href="b.html#gone">2</a><a href="c.html">3</a><a href="https://example.org">4</a>'
+        '<script src="https://example.org/x.js"></script><img src="x.png">'
+    )
+    (tmp_path / "x.css").write_text("@font-face { src: url('https://example.org/x.woff'); }")
+    assert list(check.complaints(tmp_path)) == [
+        "index.html fetches https://example.org/x.js",
+        "index.html: b.html#gone: there is no such place in it",
+        "index.html: c.html: there is no such file",
+        "index.html: x.png: there is no such file",
+        "x.css fetches from another host",
+    ]
