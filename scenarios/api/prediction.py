@@ -10,10 +10,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.api.asking import Declared, Source, Times, effects_of, file_of, model_of, plan_from
+from scenarios.api.records.opening import Choices, choices_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.files.channel_names import TIME
-from scenarios.files.own_models import OwnModel
 from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
@@ -92,6 +93,10 @@ class Prediction:
             for name, errors in figures_of(simulation).items()
         ]
 
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
+
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted")
         return f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: fit {told or 'left all measure'}>"
@@ -107,7 +112,7 @@ def predict(
     *,
     model: Declared | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     trust_record: bool = False,
@@ -126,8 +131,8 @@ def predict(
     """
     own = model_of(model) if model is not None else None
     plan = plan_from(start, stop, None, None, None, trust_record)
-    choices = Path(channels) if isinstance(channels, str | PathLike) else channels
-    asked = Asked(Path(), file_of(record), choices, plan, own if isinstance(own, OwnModel) or own is None else Path(own), effects_of(effects))
+    own_model = Path(own) if isinstance(own, str) else own
+    asked = Asked(Path(), file_of(record), choices_of(channels), plan, own_model, effects_of(effects))
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))
     with TemporaryDirectory(prefix="flightid-") as scratch:
