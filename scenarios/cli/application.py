@@ -31,7 +31,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from scenarios.commands.version import show_version
+        from scenarios.cli.version import show_version
 
         show_version()
         raise typer.Exit

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.running import LOOP
-from scenarios.commands.stopping import stopped_after
 from scenarios.files.declarations import named_after
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in
+from scenarios.trials.stopping import stopped_after
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -48,12 +48,12 @@ def run_campaign(
         run_trials(name, runs, seed, out, changes, progress)
         return
     if kind == "standin":
-        from scenarios.commands.standin import standin_campaign
+        from scenarios.commands.simulated.standin import standin_campaign
 
         standin_campaign(name, runs, seed, out, changes, progress)
         return
     if kind == "trace":
-        from scenarios.commands.planted import trace_campaign
+        from scenarios.commands.simulated.planted import trace_campaign
 
         trace_campaign(name, runs, seed, out, changes, progress)
         return

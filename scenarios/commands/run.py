@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api.running import LOADERS, Progress, Runner, flown_record
-from scenarios.commands.jsbsim import simulate_jsbsim
-from scenarios.commands.planted import simulate_own, simulate_trace
-from scenarios.commands.standin import simulate_standin
+from scenarios.commands.simulated.jsbsim import simulate_jsbsim
+from scenarios.commands.simulated.planted import simulate_own, simulate_trace
+from scenarios.commands.simulated.standin import simulate_standin
 from scenarios.files.declarations import named_after
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in

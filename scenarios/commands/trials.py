@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scenarios.commands.stopping import flown, stopped_after
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
@@ -20,6 +19,7 @@ from scenarios.trials.many import of_each_seed
 from scenarios.trials.papers.examination import examine
 from scenarios.trials.papers.paper import Mark
 from scenarios.trials.papers.summary import summary
+from scenarios.trials.stopping import flown, stopped_after
 from sim.errors import DeclarationError
 
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect, from which nearly all are found

@@ -39,10 +39,10 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``: whole clauses if that is half of the room, else whole words, and dots for the rest."""
+    """One line of ``width`` characters behind ``label``: whole clauses if they fill three quarters of the room, else whole words, and dots for the rest."""
     limit = max(width - len(label), 1)
     clause = text.rfind("; ", 0, limit - 3)
-    if len(text) > limit and clause > limit // 2:
+    if len(text) > limit and clause > 0.75 * limit:
         return f"{label}{text[:clause]}; ..."
     words = _JOINED.sub(_FIXED, text)
     first = words.split(" ")[0]

@@ -32,9 +32,9 @@ def campaign(
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.arguments import scenario_or_own
     from scenarios.commands.campaign import own_campaign, refuse_method, run_campaign
-    from scenarios.commands.telling import telling
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
     with telling(out, False, quiet=quiet, as_json=as_json, documents=["campaign.json"]) as told:

@@ -23,8 +23,8 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.check import check_records
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     with telling(out, figures, quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:

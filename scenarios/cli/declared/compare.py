@@ -19,8 +19,8 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Studies side by side: estimates, errors, published values and responses, from their folders alone."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.compare import compare_studies
-    from scenarios.commands.telling import telling
 
     with telling(out, figures, quiet=quiet, as_json=as_json, documents=["compared.json"]) as told:
         compare_studies(studies, told.out, every, told.figures)

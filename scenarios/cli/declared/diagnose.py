@@ -57,8 +57,8 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.diagnose import diagnose_records
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)

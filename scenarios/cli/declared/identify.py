@@ -65,8 +65,8 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Parameters of a model from measured records."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.identify import identify_records, options_of
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(

@@ -26,9 +26,9 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """The model of a study on another record: initial states and biases alone are fitted."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.arguments import one_segment
     from scenarios.commands.predict import predict_with_study
-    from scenarios.commands.telling import telling
     from scenarios.prediction.predict import Asked
 
     plan = one_segment(plan_of(start, stop, trusted=trust))

@@ -23,8 +23,8 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Simulate, identify and compare: true, estimated, published."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.run import documents_of, run_and_compare, run_scenarios
-    from scenarios.commands.telling import telling
 
     work = run_and_compare if compare else run_scenarios
     with telling(out, figures, quiet=quiet, as_json=as_json, documents=documents_of(names, compare)) as told:

@@ -31,7 +31,7 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
-    from scenarios.commands.telling import telling
+    from scenarios.cli.telling import telling
     from scenarios.commands.watch import watch_stream
 
     with telling(out, False, quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:

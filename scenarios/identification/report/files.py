@@ -16,7 +16,7 @@ from scenarios.files.writing import RESPONSE, write_json, write_record, write_re
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
-from scenarios.identification.keeping import kept_identification
+from scenarios.identification.report.keeping import kept_identification
 from scenarios.identification.report.noise import estimated_noise
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept

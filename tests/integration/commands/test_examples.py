@@ -20,7 +20,7 @@ from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS
 from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
-from scenarios.commands.telling import Told, telling
+from scenarios.cli.telling import Told, telling
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS

@@ -34,12 +34,12 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
 
 def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
-    from scenarios.commands.stopping import flown, stopped_after
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.terminal.progress import progress_bar
     from scenarios.trials.planted.campaign import fly_trace_campaign
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
     from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.stopping import flown, stopped_after
 
     scenario = trace_scenario_of(*load_document(name, changes))
     first = scenario.seed if seed is None else seed

@@ -11,5 +11,7 @@ from sim.declaration.system import System
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
     """What a free simulation of another record takes from an estimate: ``values`` where they are given, else what the system holds."""
-    known = {item.name: item.value for item in system.parameters if not item.name.startswith("bias_")}
-    return Trained((), system.output_names, {name: float(values.get(name, value)) for name, value in known.items()}, (), settings)
+    known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
+    biases = {name: value for name, value in known.items() if name.startswith("bias_")}
+    shared = {name: value for name, value in known.items() if name not in biases}
+    return Trained((), system.output_names, shared, (biases,), settings)

@@ -15,7 +15,7 @@ from scenarios.preparation.plan import LIFT, SPEED, Plan
 def kept_identification(found: Identification, plan: Plan) -> KeptModel | None:
     """The model that an identification leaves; None where its numbers are not finite, and it predicts nothing."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
-    if trained is None or not np.all(np.isfinite(list(trained.shared.values()))):
+    if trained is None or not np.all(np.isfinite([*trained.shared.values(), *trained.own[0].values()])):
         return None
     by_own_filter = vehicle.model == "loes" and found.method == "ekf"
     measured = set(first.input_names)
@@ -30,6 +30,5 @@ def kept_identification(found: Identification, plan: Plan) -> KeptModel | None:
         trusted=plan.trusted,
     )
     identity = vehicle.identity if vehicle.text else None
-    return KeptModel(
-        IDENTIFY, vehicle.model, identity, vehicle.text, vehicle.own_file, reading, found.biased, trained, weighed=PATH in trained.shared
-    )
+    biases = tuple(name.removeprefix("bias_") for name in trained.own[0])
+    return KeptModel(IDENTIFY, vehicle.model, identity, vehicle.text, vehicle.own_file, reading, biases, trained, weighed=PATH in trained.shared)

@@ -33,7 +33,6 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
 
 def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
-    from scenarios.commands.stopping import flown, stopped_after
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.terminal.paragraphs import terminal_width
     from scenarios.terminal.progress import progress_bar
@@ -41,6 +40,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     from scenarios.trials.standin.campaign import fly_standin_campaign
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
     from scenarios.trials.standin.schema import standin_of
+    from scenarios.trials.stopping import flown, stopped_after
 
     standin = standin_of(*load_document(name, changes))
     first = standin.seed if seed is None else seed
