@@ -41,6 +41,7 @@ from tests.integration.command_line import CommandLine, contents
 
 ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
+WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
 PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
 
 
@@ -116,7 +117,7 @@ def test_watch_finds_what_identify_finds(flightid: CommandLine, folder: Path, op
     for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
         row = watched["parameters"][name]
         assert abs(row["estimate"] - LOES_VALUES[name]) < 4.0 * row["std"], name
-    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == WRITTEN
     assert (tmp_path / "watched" / "record.csv").read_bytes() == (folder / "flight.csv").read_bytes()
     assert watched["stream"] == {"rows": 151, "left_out": 0, "mended": 0, "spikes": 0, "trim": {}, "ended": "the stream ended"}
     header, rows = history(tmp_path / "watched")
@@ -197,7 +198,7 @@ def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[st
         growing.write_text("")  # a file that is cut short has ended
         printed, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "")
-    assert "151 rows" in printed and set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert "151 rows" in printed and set(contents(out)) == WRITTEN
     assert (out / "record.csv").read_bytes() == (tmp_path / "whole" / "record.csv").read_bytes()
     np.testing.assert_allclose(history(out)[1], history(tmp_path / "whole")[1], rtol=1e-7, atol=1e-9)
 
@@ -233,7 +234,7 @@ def test_ctrl_c_ends_it_whole_and_its_page(folder: Path, options: list[str], tmp
         printed, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "") and "stopped by the user; refined on line" in printed
     assert comparison(out)["stream"]["ended"] == "stopped by the user" and len(history(out)[1]) == 151
-    assert set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert set(contents(out)) == WRITTEN
 
 
 def test_reference_gives_the_start_and_the_bounds(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
