@@ -194,7 +194,9 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
     record = less(record.window(float(record.time[first]), state.time), session.offsets)
     system = filter_system(record, session.vehicle, noise_levels(record))
     if first:
-        levels = {name: float(record[name].values[0]) for name in ("alpha", "q") if name in record.output_names and record[name].valid[0]}
+        levels: dict[str, float] = {
+            name: float(record[name].values[0]) for name in ("alpha", "q") if name in record.output_names and record[name].valid[0]
+        }
         system = replace(system, initial=system.initial.with_values(levels))
     return linearise(record, system, session.bank, state, elsewhere)
 

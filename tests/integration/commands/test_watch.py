@@ -43,6 +43,7 @@ WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "repor
 
 ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
+WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
 PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
 
 
