@@ -17,6 +17,7 @@ from scenarios.api.shown.report import write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.text import finding_lines
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import pandas
@@ -88,11 +89,11 @@ class Check:
 
         return check_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.compatibility.files import write_check
 
-        return write_check(self.details, Path(folder), figures=figures)
+        return write_check(self.details, Path(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""

@@ -22,6 +22,7 @@ from scenarios.api.shown.responses import prediction_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import control
@@ -165,13 +166,13 @@ class Diagnosis:
         traced, values = self.details, self.parameters.to_dict()
         return to_control(linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own), pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study with its ``report.html`` as the command does with ``--out``; returns the folder."""
         from scenarios.diagnosis.report.files import write_diagnosis
 
-        return write_diagnosis(self.details, Path(folder), figures=figures)
+        return write_diagnosis(self.details, Path(folder), figures=formats_wanted(figures))
 
-    def report(self, path: str | PathLike[str], *, figures: bool = True) -> Path:
+    def report(self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the report alone, one HTML file that holds its figures; returns the path."""
         return write_report(lambda folder: self.save(folder, figures=figures), path)
 

@@ -24,6 +24,7 @@ from scenarios.api.shown.responses import errors_of, response_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.identification.from_files import Identified, identify_files
 from scenarios.identification.result import Options
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import control
@@ -164,11 +165,11 @@ class Identification:
 
         return to_control(self.linearised(), pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.identification.report.files import write_identification
 
-        return write_identification(self.details, Path(folder), figures=figures)
+        return write_identification(self.details, Path(folder), figures=formats_wanted(figures))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write its page alone, one HTML file that holds its figures; returns the path."""

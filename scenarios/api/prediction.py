@@ -15,6 +15,7 @@ from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
 from scenarios.files.channel_names import TIME
+from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
 
@@ -29,7 +30,7 @@ ERRORS = ("model", "channel", "rms_error", "fit_percent", "r2", "theil")
 class Saved(Protocol):
     """A result that keeps a model: an Identification or a Diagnosis."""
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path: ...
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,11 +78,11 @@ class Prediction:
 
         return prediction_text(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the prediction as the command does with ``--out``; returns the folder."""
         from scenarios.prediction.files import write_prediction
 
-        return write_prediction(self.details, Path(folder), figures=figures)
+        return write_prediction(self.details, Path(folder), figures=formats_wanted(figures))
 
     def _rows(self) -> list[tuple[Any, ...]]:
         both = (("declared", self.details.before), ("predicted", self.details.after))

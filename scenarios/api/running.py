@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import Formats
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -24,12 +25,12 @@ LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # camp
 class Write(Protocol):
     """Writes a study into a folder, whole or not at all."""
 
-    def __call__(self, study: Any, folder: Path, /, *, figures: bool) -> object: ...
+    def __call__(self, study: Any, folder: Path, /, *, figures: Formats) -> object: ...
 
 
 @dataclass(frozen=True)
 class Runner:
-    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
 
     ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal, for Python.
     ``page``: its folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.

@@ -15,7 +15,7 @@ from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.diagnosis.witness import KinematicWitness
-from scenarios.files.measured.record_file import refuse_twice
+from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import refuse_unknown_model
 from scenarios.preparation.plan import WHOLE, Plan
@@ -84,6 +84,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         settings.effort,
         opened.flown,
         request.plan,
+        all_simulated([*opened.records, *opened.validation]),
     )
 
 

@@ -34,7 +34,7 @@ def simulate(
     from scenarios.commands.run import simulate as simulate_what
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    with telling(None, False, quiet=quiet or as_json, as_json=False):
+    with telling(None, (), quiet=quiet or as_json, as_json=False):
         files = simulate_what(what, out, seed, changes or [])
     if as_json:
         print(files_text(files))

@@ -34,5 +34,5 @@ def watch(
     from scenarios.cli.telling import telling
     from scenarios.commands.watch import watch_stream
 
-    with telling(out, False, quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+    with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
         watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port)

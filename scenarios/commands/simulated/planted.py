@@ -34,22 +34,22 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
 
 def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
-    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar
-    from scenarios.trials.planted.campaign import fly_trace_campaign
+    from scenarios.trials.planted.campaign import fly_trace_campaign, named_scenario
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
-    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.page import campaign_page
     from scenarios.trials.stopping import flown, stopped_after
 
-    scenario = trace_scenario_of(*load_document(name, changes))
+    scenario = named_scenario(name, tuple(changes))
     first = scenario.seed if seed is None else seed
     seeds = range(first, first + runs)
     with named_after(scenario_file(name)), progress_bar(progress) as tell:
-        done = flown(lambda: fly_trace_campaign(scenario, seeds, tell, os.cpu_count() or 1), seeds)
+        done = flown(lambda: fly_trace_campaign(name, changes, seeds, tell, os.cpu_count() or 1), seeds)
     with stopped_after(len(done.seeds), runs, out):
         print(trace_campaign_text(scenario, done.found, done.words), end="")
         if out is not None:
-            write_trace_campaign(scenario, done.found, out, done.content)
+            write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done.found, done.words))
             print(f"written to {out}")
 
 
@@ -64,7 +64,10 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
     with named_after(file):
         flown = fly_trace(scenario, scenario.seed if seed is None else seed)
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = [*write_record(out.parent, flown.train, out.stem), *write_record(out.parent, flown.validate, f"{out.stem}_validate")]
+    written = [
+        *write_record(out.parent, flown.train, out.stem, simulated=True),
+        *write_record(out.parent, flown.validate, f"{out.stem}_validate", simulated=True),
+    ]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
     vehicle.write_text(flown.vehicle_file, encoding="utf-8")
     print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")

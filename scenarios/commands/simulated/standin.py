@@ -24,7 +24,7 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
         flight = fly_standin(standin, standin.seed if seed is None else seed)
     out.parent.mkdir(parents=True, exist_ok=True)
     names = [f"{out.stem}_{number}" for number in range(1, len(flight.records) + 1)]
-    written = [path for stem, record in zip(names, flight.records, strict=True) for path in write_record(out.parent, record, stem)]
+    written = [path for stem, record in zip(names, flight.records, strict=True) for path in write_record(out.parent, record, stem, simulated=True)]
     vehicle = out.parent / f"{out.stem}_vehicle.toml"
     vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
     print(f"{len(names)} records of one flight: {names[0]}.csv to {names[-1]}.csv; for --vehicle: {vehicle.name}")
@@ -39,6 +39,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     from scenarios.terminal.summary import details_in
     from scenarios.trials.standin.campaign import fly_standin_campaign
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
+    from scenarios.trials.standin.page import campaign_page
     from scenarios.trials.standin.schema import standin_of
     from scenarios.trials.stopping import flown, stopped_after
 
@@ -49,5 +50,5 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     with stopped_after(len(done.seeds), runs, out):
         print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out, "campaign.json")), end="")
         if out is not None:
-            write_campaign(standin, done.found, out, done.content)
+            write_campaign(standin, done.found, out, done.content, campaign_page(standin, done.found, done.words))
             print(f"written to {out}")

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-
-if TYPE_CHECKING:
-    pass
+from scenarios.plots.display import MEASURED_DATA
+from scenarios.plots.tracing.reasons import Standing
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class Replicated:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """What the figures show of a diagnosis; ``noise`` by channel, ``claimed`` names of effects."""
+    """What the figures show of a diagnosis; ``noise`` by channel; ``data`` is what the records are called."""
 
     fitted: tuple[FittedRecord, ...]
     predictions: tuple[Prediction, ...]
@@ -32,6 +30,7 @@ class Pictured:
     before: Mapping[str, Quantity]
     after: Mapping[str, Quantity]
     noise: Mapping[str, float]
-    claimed: tuple[str, ...]
+    standing: Standing
     kind: str
     replicated: tuple[Replicated, ...] = ()
+    data: str = MEASURED_DATA

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from ident.tracing.diagnosis import Quantity
 from scenarios.plots.display import display_unit, plain
-from scenarios.plots.pictured import Replicated
 from scenarios.plots.style import BLUE, SKY, TICK_SIZE, caption, finish, folded, make_sheet, y_label
+from scenarios.plots.tracing.pictured import Replicated
 from scenarios.terminal.quantities import displayed
 
 PARAMETERS = 4  # of one effect that are drawn
