@@ -44,7 +44,8 @@ def _(mo):
 
     and each drives the aircraft in turn: $C_L = \dots + C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\dot\eta_i$, and $C_m$ likewise.
 
-    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic, $\eta = -A^{-1}(b_\alpha\alpha + b_q q +
+    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic,
+    $\eta = -A^{-1}(b_\alpha\alpha + b_q q +
     b_\delta\delta_e)$, and vanish into the six
     derivatives, which are then called **condensed** (or quasi-static, or elastic equivalents):
 
