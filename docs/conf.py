@@ -96,6 +96,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css", "math.css"]
 html_show_sourcelink = False
 html_copy_source = False
+html_show_search_summary = False  # it fetches pages, which browsers forbid where the site is opened as files
 html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "flightid"},

@@ -62,7 +62,7 @@ def slider(start: float, stop: float, step: float, value: float, label: str) -> 
     return mo.ui.slider(start, stop, step=step, value=value, label=label, show_value=True, debounce=True)
 
 
-def choice(options: Sequence[str] | Mapping[str, Any]) -> Any:
+def choice(options: Sequence[str]) -> Any:
     """A field for one of several answers; none is chosen at first."""
     return mo.ui.radio(options=options, value=None)
 

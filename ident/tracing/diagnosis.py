@@ -130,7 +130,8 @@ class Candidate:
     """Evidence on one candidate added to one fitted model of the search; ``within`` names the effects that were already in it.
 
     ``gain`` is that of the log likelihood; ``p_value`` of that gain where the fitted model is true, for the parameters added;
-    ``held_out_change`` the relative change of the error on data not fitted (negative is better), None where not computed.
+    ``held_out_change`` the relative change of the error on data not fitted (negative is better), ``held_out_scatter`` its
+    standard deviation under resampling of blocks; None where not computed.
     ``fitted`` False: the gain is the projected score's, not that of a full fit. ``remark`` says whether it was
     cross-validated, and why not, where that was asked.
     """
@@ -146,6 +147,7 @@ class Candidate:
     held_out_change: float | None = None
     collinear_with: tuple[str, ...] = ()
     remark: str = ""
+    held_out_scatter: float | None = None
 
 
 @dataclass(frozen=True)

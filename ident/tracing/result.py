@@ -1,4 +1,4 @@
-"""From fitted models and their predictions to a Diagnosis: derivatives with their sigmas, error figures, what was fitted and predicted."""
+"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures, what was fitted and predicted, or is later."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, FittedRecord, Prediction, Quantity, Trained, Verdict
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.residual_structure import noise_floors
 from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.detection import final_spikes
-from ident.tracing.spikes.masks import measured_masks
+from ident.tracing.spikes.masks import held_out_masks, measured_masks, with_mended
 from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.validation.held_out import HeldOutData, frozen_on
 from ident.tracing.verdict import Judgement
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.effect import DynamicsEffect
+from sim.declaration.model import Model
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
@@ -221,3 +222,29 @@ def _in_units(fitted: FittedModel, r: int) -> np.ndarray:
         return fitted.fit.residuals[r]
     levels = noise_levels(fitted.fit)
     return fitted.fit.residuals[r] * np.array([levels[name] for name in fitted.system.output_names])[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The free simulations before and after, and their errors; ``finite`` False where what was found cannot be simulated on this record."""
+
+    prediction: Prediction
+    before: ErrorFigures
+    after: ErrorFigures
+    finite: bool
+
+
+def predict(before: Trained, after: Trained, declared: Model, record: Record, spiked: Sequence[str] = ()) -> Predicted:
+    """Predict a record with the declared model as fitted, and with the effects found.
+
+    All is frozen but initial states, biases and events. ``declared`` has its biases, prepared as for the fit; ``spiked`` inputs are mended.
+    """
+    outputs = after.outputs
+    mended = [with_mended(record, spiked)]
+    masks = held_out_masks(frozen_on(before, declared, mended, None), mended, outputs)
+    fits = [frozen_on(trained, declared, mended, masks).frozen for trained in (before, after)]
+    channels = tuple(name for name in outputs if name in record.output_names)
+    rows = [prediction(fit, 0, record, channels) for fit in fits]
+    (counted,) = spike_masks_of(fits[1], measured_masks([record], outputs)) if fits[1] is not None else measured_masks([record], outputs)
+    figures = [error_figures([row], [record], [counted[[*map(outputs.index, channels)]]], channels) for row in rows]
+    return Predicted(Prediction(record, channels, rows[0], rows[1]), figures[0], figures[1], fits[1] is not None)

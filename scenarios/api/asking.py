@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.api.records.in_memory import numbered_apart
-from scenarios.api.records.record import Record, read_record
+from scenarios.api.records.opening import Choices, choices_of, opened_source
+from scenarios.api.records.record import Record
 from scenarios.api.vehicle import Vehicle, source_of
-from scenarios.files.measured.record_file import RecordFile, read_record_file, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, refuse_twice
 from scenarios.files.own_models import OwnModel, model_in_memory
 from scenarios.files.vehicles import MODELS, vehicle_beside
 from scenarios.preparation.plan import Plan, plan_of
@@ -31,7 +32,7 @@ def request_of(
     validate: Source | Sequence[Source] = (),
     *,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
-    channels: Any = None,
+    channels: Choices | None = None,
     plan: Plan,
     effort: str = "normal",
     aircraft_class: str | None = None,
@@ -44,7 +45,6 @@ def request_of(
     opened = [file_of(each) for each in (*fitted, *predicted)]
     refuse_twice([file for file in opened if file.in_memory])
     files = numbered_apart(opened)
-    choices = channels if channels is None or isinstance(channels, Mapping) else Path(channels)
     asked = model_of(model)
     return Request(
         tuple(files[: len(fitted)]),
@@ -52,7 +52,7 @@ def request_of(
         source_of(vehicle, asked if isinstance(asked, str) else "") if vehicle is not None else vehicle_beside(files[0]),
         tuple(files[len(fitted) :]),
         effects_of(effects),
-        choices,
+        choices_of(channels),
         plan,
         effort,
         aircraft_class,
@@ -92,6 +92,4 @@ def _listed(given: Source | Sequence[Source]) -> list[Source]:
 
 def file_of(given: Source) -> RecordFile:
     """The record file of what stands for a record. Raises RecordError."""
-    if isinstance(given, str | PathLike):
-        return read_record_file(Path(given))
-    return (given if isinstance(given, Record) else read_record(given)).file
+    return given.file if isinstance(given, Record) else opened_source(given)[0]

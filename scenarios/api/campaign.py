@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.running import LOOP
+from scenarios.api.running import KEPT, LOOP
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.api.study import Settings, changes_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
@@ -74,7 +75,7 @@ class Campaign:
         from scenarios.studies.campaign_text import print_campaign
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_campaign(self.details, out))
+        return as_text(lambda out: print_campaign(self.details, out, KEPT))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
@@ -85,6 +86,10 @@ class Campaign:
     @property
     def _title(self) -> str:
         return f"{self.details.scenario.name}, {len(self.details.seeds)} runs by {self.details.estimation.label}"
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         low, high = self.coverage_interval

@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
 from scenarios.api.asking import Source, Times, plan_from, request_of
+from scenarios.api.records.opening import Choices
+from scenarios.api.running import KEPT
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.text import finding_lines
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import pandas
@@ -55,7 +59,7 @@ class Check:
         from scenarios.compatibility.text import print_check
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_check(self.details, out))
+        return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a sensor fault, from all records together: value and sigma by output error and by the smoother, gain, p, whether it stands."""
@@ -85,11 +89,15 @@ class Check:
 
         return check_content(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.compatibility.files import write_check
 
-        return write_check(self.details, Path(folder), figures=figures)
+        return write_check(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:
@@ -109,7 +117,7 @@ def check(
     records: Source | Sequence[Source],
     vehicle: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None,
     *,
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,

@@ -11,14 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot
 from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
+from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.effect_claims import Effect, claimed_effects
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.report import write_report
 from scenarios.api.shown.responses import prediction_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import control
@@ -122,7 +126,7 @@ class Diagnosis:
         """What the command prints."""
         from scenarios.diagnosis.report.text import diagnosis_text
 
-        return diagnosis_text(self.details)
+        return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and with the effects (``after``)."""
@@ -162,20 +166,15 @@ class Diagnosis:
         traced, values = self.details, self.parameters.to_dict()
         return to_control(linearised(compile_model(traced.model), values, traced.records[0], traced.vehicle.own), pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study with its ``report.html`` as the command does with ``--out``; returns the folder."""
         from scenarios.diagnosis.report.files import write_diagnosis
 
-        return write_diagnosis(self.details, Path(folder), figures=figures)
+        return write_diagnosis(self.details, Path(folder), figures=formats_wanted(figures))
 
-    def report(self, path: str | PathLike[str], *, figures: bool = True) -> Path:
+    def report(self, path: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the report alone, one HTML file that holds its figures; returns the path."""
-        from tempfile import TemporaryDirectory
-
-        with TemporaryDirectory(prefix="flightid-") as folder:
-            page = (self.save(Path(folder) / "study", figures=figures) / "report.html").read_bytes()
-        Path(path).write_bytes(page)
-        return Path(path)
+        return write_report(lambda folder: self.save(folder, figures=figures), path)
 
     @property
     def plot(self) -> plot.Figures:
@@ -201,7 +200,7 @@ def diagnose(
     validate: Source | Sequence[Source] = (),
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
     effort: str = "normal",
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,

@@ -14,13 +14,17 @@ import numpy as np
 
 from scenarios.api import plot
 from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
+from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
+from scenarios.api.running import KEPT
 from scenarios.api.shown import html
 from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.report import write_report
 from scenarios.api.shown.responses import errors_of, response_of
 from scenarios.api.vehicle import Vehicle
 from scenarios.identification.from_files import Identified, identify_files
 from scenarios.identification.result import Options
+from scenarios.plots.formats import formats_wanted
 
 if TYPE_CHECKING:
     import control
@@ -127,7 +131,7 @@ class Identification:
         from scenarios.identification.report.text import print_identification
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out))
+        return as_text(lambda out: print_identification(self.details.found, self.details.flown, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
@@ -161,11 +165,15 @@ class Identification:
 
         return to_control(self.linearised(), pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
         from scenarios.identification.report.files import write_identification
 
-        return write_identification(self.details, Path(folder), figures=figures)
+        return write_identification(self.details, Path(folder), figures=formats_wanted(figures))
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:
@@ -195,7 +203,7 @@ def identify(
     profile: bool | str | Sequence[str] | None = None,
     band: tuple[float, float] | None = None,
     engine: str | None = None,
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     hold: str | None = None,

@@ -10,10 +10,12 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.api.asking import Declared, Source, Times, effects_of, file_of, model_of, plan_from
+from scenarios.api.records.opening import Choices, choices_of
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.shown import html
+from scenarios.api.shown.report import write_report
 from scenarios.files.channel_names import TIME
-from scenarios.files.own_models import OwnModel
+from scenarios.plots.formats import formats_wanted
 from scenarios.prediction import predict as predicting
 from scenarios.prediction.predict import Asked, figures_of, predict_record
 
@@ -28,7 +30,7 @@ ERRORS = ("model", "channel", "rms_error", "fit_percent", "r2", "theil")
 class Saved(Protocol):
     """A result that keeps a model: an Identification or a Diagnosis."""
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path: ...
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path: ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,11 +78,11 @@ class Prediction:
 
         return prediction_text(self.details)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the prediction as the command does with ``--out``; returns the folder."""
         from scenarios.prediction.files import write_prediction
 
-        return write_prediction(self.details, Path(folder), figures=figures)
+        return write_prediction(self.details, Path(folder), figures=formats_wanted(figures))
 
     def _rows(self) -> list[tuple[Any, ...]]:
         both = (("declared", self.details.before), ("predicted", self.details.after))
@@ -90,6 +92,10 @@ class Prediction:
             if simulation is not None
             for name, errors in figures_of(simulation).items()
         ]
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted")
@@ -106,7 +112,7 @@ def predict(
     *,
     model: Declared | None = None,
     effects: str | PathLike[str] | Sequence[Traceable] | None = None,
-    channels: Any = None,
+    channels: Choices | None = None,
     start: Times = None,
     stop: Times = None,
     trust_record: bool = False,
@@ -125,8 +131,8 @@ def predict(
     """
     own = model_of(model) if model is not None else None
     plan = plan_from(start, stop, None, None, None, trust_record)
-    choices = Path(channels) if isinstance(channels, str | PathLike) else channels
-    asked = Asked(Path(), file_of(record), choices, plan, own if isinstance(own, OwnModel) or own is None else Path(own), effects_of(effects))
+    own_model = Path(own) if isinstance(own, str) else own
+    asked = Asked(Path(), file_of(record), choices_of(channels), plan, own_model, effects_of(effects))
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))
     with TemporaryDirectory(prefix="flightid-") as scratch:

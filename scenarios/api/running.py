@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import Formats
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -17,21 +18,22 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 Progress = Callable[[str, float], None]
+KEPT = "below; save(FOLDER) keeps them"  # where more is to be read than a summary says, in Python
 LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 class Write(Protocol):
     """Writes a study into a folder, whole or not at all."""
 
-    def __call__(self, study: Any, folder: Path, /, *, figures: bool) -> object: ...
+    def __call__(self, study: Any, folder: Path, /, *, figures: Formats) -> object: ...
 
 
 @dataclass(frozen=True)
 class Runner:
-    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with or without figures, and printed.
+    """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
 
-    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal. ``page``: its
-    folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
+    ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal, for Python.
+    ``page``: its folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
@@ -74,7 +76,7 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.planted.text import trace_text
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
-    return Runner(run, write_trace, _printed(trace_text), trace_text, page=True, counted=False)
+    return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), page=True, counted=False)
 
 
 def _standin(name: str, changes: Sequence[str]) -> Runner:
@@ -85,7 +87,7 @@ def _standin(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.standin.text import standin_text
 
     run = partial(run_standin, standin_of(*load_document(name, changes)))
-    return Runner(run, write_standin, _printed(standin_text), standin_text, page=True, counted=False)
+    return Runner(run, write_standin, _printed(standin_text), partial(standin_text, details=KEPT), page=True, counted=False)
 
 
 def _loop(name: str, changes: Sequence[str]) -> Runner:
@@ -104,13 +106,13 @@ def _flown_only(name: str, changes: Sequence[str]) -> Runner:
     raise DeclarationError("a flight by JSBSim is a record without a study", where=scenario_file(name), remedy=remedy)
 
 
-def _as_text(show: Callable[[Any, Console], None]) -> Callable[[Any], str]:
+def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
     """A study's text where it is shown on a console."""
 
     def text(study: Any) -> str:
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: show(study, out))
+        return as_text(lambda out: show(study, out, KEPT))
 
     return text
 

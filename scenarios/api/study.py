@@ -15,8 +15,10 @@ from scenarios.api.flights import Flight, flown
 from scenarios.api.records.record import Record, record_of
 from scenarios.api.running import LOADERS, Runner, untold
 from scenarios.api.shown import html
-from scenarios.api.shown.parameters import Parameter, Parameters
+from scenarios.api.shown.parameters import Parameter, Parameters, row_of
+from scenarios.api.shown.report import write_report
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import formats_wanted
 from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
 
 if TYPE_CHECKING:
@@ -108,10 +110,14 @@ class Study:
 
         return matrices_of_study(self.details, self.kind, pade)
 
-    def save(self, folder: str | PathLike[str], *, figures: bool = True) -> Path:
+    def save(self, folder: str | PathLike[str], *, figures: bool | str | Sequence[str] = True) -> Path:
         """Write the study as the command does with ``--out``; returns the folder."""
-        self._runner.write(self.details, Path(folder), figures=figures)
+        self._runner.write(self.details, Path(folder), figures=formats_wanted(figures))
         return Path(folder)
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write its page alone, one HTML file that holds its figures; returns the path."""
+        return write_report(self.save, path)
 
     @property
     def plot(self) -> plot.Figures:
@@ -127,13 +133,16 @@ class Study:
     def _repr_html_(self) -> str:
         if self.diagnosis is not None:
             return self.diagnosis._repr_html_()
-        frame = self.to_dataframe()
-        rows = [[str(name), *map(_cell, row)] for name, row in zip(frame.index, frame.to_numpy(), strict=True)]
-        return html.page(f"{self.name}, seed {self.seed}", html.table(("parameter", *map(str, frame.columns)), rows, left=2))
+        headings = ("parameter", "unit", "value", "sigma", *(("true", "error, sigmas") if self.true else ()))
+        rows = [[*row_of(item), *(_against(item, self.true) if self.true else ())] for item in self.parameters.values()]
+        return html.page(f"{self.name}, seed {self.seed}", html.table(headings, rows, left=2))
 
 
-def _cell(value: Any) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
+    """The true value, and how far the estimate is from it; dashes where there is none."""
+    if item.name not in true:
+        return "-", "-"
+    return f"{true[item.name]:.5g}", f"{(item.value - true[item.name]) / item.sigma:+.2f}" if item.sigma > 0.0 else "-"
 
 
 def run(

@@ -15,6 +15,7 @@ from scenarios.cli.declared.identify import identify
 from scenarios.cli.declared.lab import lab
 from scenarios.cli.declared.libraries import effects, list_, models, vehicles
 from scenarios.cli.declared.predict import predict
+from scenarios.cli.declared.report import report
 from scenarios.cli.declared.run import run
 from scenarios.cli.declared.simulate import simulate
 from scenarios.cli.declared.watch import watch
@@ -22,7 +23,7 @@ from scenarios.cli.helping import GroupedCommands, WithExamples
 
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
-    "Studies": (run, compare, simulate, campaign),
+    "Studies": (run, compare, simulate, campaign, report),
     "Measured data": (identify, diagnose, predict, check, watch),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),
@@ -31,7 +32,7 @@ COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from scenarios.commands.version import show_version
+        from scenarios.cli.version import show_version
 
         show_version()
         raise typer.Exit

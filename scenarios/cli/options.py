@@ -49,7 +49,16 @@ Noise = Annotated[
 ]
 Duration = Annotated[float | None, typer.Option("--duration", metavar="S", help="With --model: length of the record, s.")]
 SampleRate = Annotated[float | None, typer.Option("--rate", metavar="HZ", help="With --model: samples a second.")]
-Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw figures into the study folder.")]
+Figures = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--figures",
+        metavar="FORMAT,...",
+        autocompletion=of("png", "svg", "pdf", "none"),
+        help="Figures as png (usual), svg or pdf, several with commas; or none.",
+    ),
+]
+NoFigures = Annotated[bool, typer.Option("--no-figures", help="Draw none, as --figures none.")]
 Class = Annotated[
     str | None,
     typer.Option(

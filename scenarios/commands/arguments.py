@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SEVERAL = {"diagnose": ("--validate",), "identify": ("--validate", "--profile")}  # options that take every word up to the next option
 NONE_MEANS = {"--profile": "all"}  # what such an option without a word stands for
-FLAGS = ("--figures", "--no-figures", "--trust-record", "--quiet", "--json")
+FLAGS = ("--no-figures", "--trust-record", "--quiet", "--json")
 BAND = ("--band",)  # options of two words
 FILES = (".csv", ".parquet", ".mat", ".tsv", ".txt")  # ends of what is a record and no parameter
 

@@ -7,31 +7,42 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.running import LOOP
-from scenarios.commands.stopping import stopped_after
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in
+from scenarios.trials.stopping import stopped_after
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from scenarios.trials.planted.own_flight import OwnFlight
 
 
-def own_campaign(asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], *, progress: bool = True) -> None:
+def own_campaign(
+    asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats = USUAL, *, progress: bool = True
+) -> None:
     """The same of a user's own model in a flight that the command line describes."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.scenario_file.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
     scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
-    _run(scenario, asked.model, runs, seed, out, progress=progress)
+    _run(scenario, asked.model, runs, seed, out, figures, progress=progress)
 
 
 def run_campaign(
-    name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], method: str | None = None, *, progress: bool = True
+    name: str,
+    runs: int,
+    seed: int | None,
+    out: Path | None,
+    changes: Sequence[str],
+    method: str | None = None,
+    figures: Formats = USUAL,
+    *,
+    progress: bool = True,
 ) -> None:
     """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main.
 
@@ -48,19 +59,19 @@ def run_campaign(
         run_trials(name, runs, seed, out, changes, progress)
         return
     if kind == "standin":
-        from scenarios.commands.standin import standin_campaign
+        from scenarios.commands.simulated.standin import standin_campaign
 
         standin_campaign(name, runs, seed, out, changes, progress)
         return
     if kind == "trace":
-        from scenarios.commands.planted import trace_campaign
+        from scenarios.commands.simulated.planted import trace_campaign
 
         trace_campaign(name, runs, seed, out, changes, progress)
         return
     if kind != IDENTIFICATION:
         remedy = "scenarios that have one are simulated flights, trace-... and standin-..."
         raise DeclarationError(f"there is no campaign of a scenario of kind {kind}", where=name, remedy=remedy)
-    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, method or "main", progress=progress)
+    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, figures, method or "main", progress=progress)
 
 
 def refuse_method(method: str | None) -> None:
@@ -69,11 +80,13 @@ def refuse_method(method: str | None) -> None:
         raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
 
 
-def _run(scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, method: str = "main", *, progress: bool = True) -> None:
+def _run(
+    scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, figures: Formats, method: str = "main", *, progress: bool = True
+) -> None:
     with named_after(file), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell)
     with stopped_after(len(campaign.seeds), campaign.asked, out):
         print_campaign(campaign, details=details_in(out, "campaign.json"))
         if out is not None:
-            write_campaign(campaign, out)
+            write_campaign(campaign, out, figures=figures)
             print(f"written to {out}")

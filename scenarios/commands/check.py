@@ -6,11 +6,12 @@ from pathlib import Path
 
 from scenarios.compatibility.check import check_files
 from scenarios.compatibility.text import print_check
+from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
 from scenarios.terminal.summary import details_in
 
 
-def check_records(request: Request, out: Path | None, figures: bool) -> None:
+def check_records(request: Request, out: Path | None, figures: Formats) -> None:
     """Read, check, write the study, print."""
     found = check_files(request)
     if out is not None:

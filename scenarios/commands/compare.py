@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from scenarios.plots.formats import Formats
 
-def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figures: bool) -> None:
+
+def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figures: Formats) -> None:
     """Studies side by side, read from their folders: print the tables, and write them with figures where a folder is named.
 
     Raises

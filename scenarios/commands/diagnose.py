@@ -6,15 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.diagnosis.report.figure_process import figure_process
+from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
 
 if TYPE_CHECKING:
     from scenarios.preparation.request import Request
 
 
-def diagnose_records(request: Request, out: Path | None, figures: bool, *, progress: bool = True) -> None:
+def diagnose_records(request: Request, out: Path | None, figures: Formats, *, progress: bool = True) -> None:
     """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it is."""
-    with figure_process(figures and out is not None) as process, progress_bar(progress, counted=False) as tell:
+    with figure_process(bool(figures) and out is not None) as process, progress_bar(progress, counted=False) as tell:
         # Loaded while the second process already starts.
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.identification.result import PLAIN, Options
+from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
 
 ALL = "all"  # of --profile: every parameter
@@ -17,7 +18,9 @@ def options_of(profile: Sequence[str] | None, band: tuple[float, float] | None, 
     return Options(names, band, engine)
 
 
-def identify_records(request: Request, method: str, out: Path | None, figures: bool, options: Options = PLAIN, matrices: Path | None = None) -> None:
+def identify_records(
+    request: Request, method: str, out: Path | None, figures: Formats, options: Options = PLAIN, matrices: Path | None = None
+) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
     from scenarios.files.measured.record_file import path_of
     from scenarios.identification.from_files import identify_files

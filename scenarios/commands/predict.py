@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from scenarios.plots.formats import Formats
 from scenarios.prediction.predict import Asked, predict_record
 from scenarios.prediction.words import prediction_text
 
 
-def predict_with_study(asked: Asked, out: Path | None, figures: bool) -> None:
+def predict_with_study(asked: Asked, out: Path | None, figures: Formats) -> None:
     """Read, predict, write, print."""
     from scenarios.terminal.paragraphs import terminal_width
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api.running import LOADERS, Progress, Runner, flown_record
-from scenarios.commands.jsbsim import simulate_jsbsim
-from scenarios.commands.planted import simulate_own, simulate_trace
-from scenarios.commands.standin import simulate_standin
+from scenarios.commands.simulated.jsbsim import simulate_jsbsim
+from scenarios.commands.simulated.planted import simulate_own, simulate_trace
+from scenarios.commands.simulated.standin import simulate_standin
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in
 from sim.errors import DeclarationError, FlightidError
@@ -25,7 +26,7 @@ def run_scenarios(
     seed: int | None,
     out: Path | None,
     changes: Sequence[str],
-    figures: bool,
+    figures: Formats,
     *,
     told: bool = True,
     progress: bool = True,
@@ -62,7 +63,7 @@ def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
     return f"{len(folders)} of {of} studies are finished{': ' + ', '.join(written) if written else ', and printed above'}"
 
 
-def _studied(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: bool, tell: Progress) -> Any:
+def _studied(runner: Runner, name: str, seed: int | None, folder: Path | None, figures: Formats, tell: Progress) -> Any:
     """Run, and write where a folder is named; the study."""
     from scenarios.studies.catalogue import scenario_file
 
@@ -81,7 +82,7 @@ def documents_of(names: Sequence[str], compare: bool) -> list[str]:
 
 
 def run_and_compare(
-    names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: bool, *, progress: bool = True
+    names: Sequence[str], seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats, *, progress: bool = True
 ) -> None:
     """Run scenarios as ``run_scenarios``, then put their study folders side by side; without ``out`` these are gone afterwards."""
     from tempfile import TemporaryDirectory
@@ -97,9 +98,9 @@ def run_and_compare(
         compare_studies([str(out / short) for short in shorts], out, False, figures)
         return
     with TemporaryDirectory(prefix="flightid-") as scratch:
-        run_scenarios(names, seed, Path(scratch), changes, False, told=False, progress=progress)
+        run_scenarios(names, seed, Path(scratch), changes, (), told=False, progress=progress)
         print()
-        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, False)
+        compare_studies([str(Path(scratch) / short) for short in shorts], None, False, ())
 
 
 def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
@@ -117,7 +118,7 @@ def simulate(what: str | OwnFlight, out: Path, seed: int | None, changes: Sequen
             return whole(what, out, seed, changes)
         record = flown_record(what, seed, changes)
         out.parent.mkdir(parents=True, exist_ok=True)
-        return [*write_record(out.parent, record, out.stem)]
+        return [*write_record(out.parent, record, out.stem, simulated=True)]
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(out), remedy="name a file that you may write") from None
 

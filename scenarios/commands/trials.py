@@ -8,18 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scenarios.commands.stopping import flown, stopped_after
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
 from scenarios.trials.many import of_each_seed
+from scenarios.trials.page import trials_page
 from scenarios.trials.papers.examination import examine
 from scenarios.trials.papers.paper import Mark
 from scenarios.trials.papers.summary import summary
+from scenarios.trials.stopping import flown, stopped_after
 from sim.errors import DeclarationError
 
 GAIN = 25.0  # expected gain of the log likelihood of a weak effect, from which nearly all are found
@@ -51,6 +53,7 @@ def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes
             content = {"schema": "flightid/campaign/1", "scenario": name, **done.content}
             with study_folder(out, "campaign.json") as scratch:
                 tabled = [dict(zip(headings, row, strict=True)) for row in rows]
+                write_page(scratch, trials_page(name, first, done.words, len(done.seeds), title, headings, rows))
                 write_json(scratch / "campaign.json", {**content, "table": tabled, "versions": versions()})
             print(f"written to {out}")
 

@@ -14,7 +14,7 @@ from ident.compatibility.six_degrees.channels import CHANNELS, WRAPPED, recorded
 from ident.recording.finding import Expectations
 from scenarios.files.channel_names import STICK, TIME
 from scenarios.files.channels import ColumnChoice
-from scenarios.files.measured.record_file import RecordFile, identities, read_record_files, refuse_twice
+from scenarios.files.measured.record_file import RecordFile, all_simulated, identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile, read_any_vehicle, vehicle_beside
 from scenarios.preparation.plan import Plan, Segment
@@ -32,7 +32,8 @@ PRESSURE = "dynamic_pressure"
 class Check:
     """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or found.
 
-    ``notes`` say how records were prepared, ``look`` what their raw columns show.
+    ``notes`` say how records were prepared, ``look`` what their raw columns show, ``simulated`` whether a
+    program made all of them, as the JSON beside them says.
     """
 
     result: Compatibility
@@ -42,6 +43,7 @@ class Check:
     vehicle: InputFile | None
     notes: tuple[str, ...] = ()
     look: RawLook = NOTHING_SEEN
+    simulated: bool = False
 
 
 def check_files(request: Request) -> Check:
@@ -65,7 +67,8 @@ def check_files(request: Request) -> Check:
     look = joined([look for _, _, look in read], trusted=plan.trusted)
     result = compatibility(records, settings)
     vehicle = declared.identity if declared is not None else None
-    return Check(result, records, settings, identities(files), vehicle, tuple(note for _, told, _ in read for note in told), look)
+    notes = tuple(note for _, told, _ in read for note in told)
+    return Check(result, records, settings, identities(files), vehicle, notes, look, all_simulated(files))
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:

@@ -1,4 +1,4 @@
-"""The study folder of a check: figures, and the JSON last."""
+"""The study folder of a check: figures, the page, and the JSON last."""
 
 from __future__ import annotations
 
@@ -8,25 +8,29 @@ from typing import Any
 
 from ident.compatibility.result import CheckResult, Quantity, SensorEstimate, SensorFinding
 from scenarios.compatibility.check import Check
+from scenarios.compatibility.page import check_page
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.preparation.record_words import record_content
 
 MAIN = "compatibility.json"
 SCHEMA = "flightid/compatibility/1"
 
 
-def write_check(check: Check, folder: str | Path, *, figures: bool = True) -> Path:
+def write_check(check: Check, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a check into ``folder``, whole or not at all; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
-        if figures and check.result.reconstructions:
-            from scenarios.plots.compatibility import figure_reconstruction
-            from scenarios.plots.files import save_figure
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.compatibility.figures import check_figures
+            from scenarios.plots.page.drawing import drawn_for_page
 
-            for number, item in enumerate(check.result.reconstructions, start=1):
-                stem = "reconstruction" if number == 1 else f"reconstruction_{number}"
-                save_figure(figure_reconstruction(item, f"{item.record}: reconstructed against measured"), scratch, stem)
+            drawn = drawn_for_page(check_figures(check.result, check.simulated), scratch, figures)
+        write_page(scratch, check_page(check, drawn))
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)
 

@@ -34,9 +34,9 @@ def print_check(check: Check, out: Console | None = None, details: str = BELOW) 
     for output, joined in result.relations.items():
         print_paragraph(out, f"relation of {output}: {', '.join(joined)}", indent=0)
     if result.joint.estimates:
-        _print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
+        print_estimates(out, "all records, one fault at a time" if len(check.records) > 1 else "one fault at a time", result.joint)
         if len(check.records) > 1:
-            _print_by_record(out, result.single, result.joint)
+            print_by_record(out, result.single, result.joint)
         print_paragraph(out, f"noise (1 sigma; of what is integrated, as its integral shows it): {_noise(check)}")
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
@@ -71,7 +71,7 @@ def check_summary(check: Check, details: str = BELOW) -> Summary:
 
 
 def _noise(check: Check) -> str:
-    return ", ".join(_level(name, std, _unit(check, name)) for name, std in check.result.joint.noise_std.items())
+    return ", ".join(_level(name, std, unit_of(check, name)) for name, std in check.result.joint.noise_std.items())
 
 
 def finding_lines(check: Check) -> list[str]:
@@ -125,7 +125,8 @@ def _sensor(channel: str) -> str:
     return f"the {'vane' if channel in VANES else 'accelerometer'} of {channel} is"
 
 
-def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
+def print_estimates(out: Console, title: str, result: CheckResult) -> None:
+    """Every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
     print_table(
@@ -145,7 +146,7 @@ def _print_estimates(out: Console, title: str, result: CheckResult) -> None:
     )
 
 
-def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
+def print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckResult) -> None:
     """The smoother's value of every fault in each record by itself."""
     names = [item.name for item in joint.estimates]
     by_name = [{item.name: item for item in result.estimates} for result in single]
@@ -164,7 +165,8 @@ def _print_by_record(out: Console, single: Sequence[CheckResult], joint: CheckRe
     print_table(out, "", columns)
 
 
-def _unit(check: Check, name: str) -> str:
+def unit_of(check: Check, name: str) -> str:
+    """The unit of a channel."""
     return next((record[name].unit for record in check.records if name in record.output_names), "g")  # nz made from az has no channel
 
 

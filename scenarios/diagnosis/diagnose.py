@@ -15,7 +15,7 @@ from scenarios.diagnosis.opening import Opened, Posed, opened_files, own_effects
 from scenarios.diagnosis.overflows import Overflows, Trace
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.diagnosis.witness import KinematicWitness
-from scenarios.files.measured.record_file import refuse_twice
+from scenarios.files.measured.record_file import all_simulated, refuse_twice
 from scenarios.files.own_models import is_of_aircraft, moves_about_rest
 from scenarios.files.vehicles import refuse_unknown_model
 from scenarios.preparation.plan import WHOLE, Plan
@@ -42,9 +42,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
-    vehicle = vehicle_path_of(request)
     progress("reading", 0.0)
-    opened = opened_files(request, vehicle)
+    opened = opened_files(request, vehicle_path_of(request))
     posed = posed_for(opened, request.plan)
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
@@ -85,6 +84,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         settings.effort,
         opened.flown,
         request.plan,
+        all_simulated([*opened.records, *opened.validation]),
     )
 
 

@@ -43,6 +43,7 @@ class Tracing:
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
     ``plan``: how the records were to be read. ``effort``: how far the search looked. ``flown``: by which class and category levels of flying
     qualities are told.
+    ``simulated``: whether a program made all records, as the JSON beside them says.
     """
 
     diagnosis: Diagnosis
@@ -62,6 +63,7 @@ class Tracing:
     effort: str = NORMAL.effort
     flown: Flown = field(default_factory=Flown)
     plan: Plan = field(default_factory=Plan)
+    simulated: bool = False
 
     def __repr__(self) -> str:
         return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"

@@ -15,18 +15,19 @@ from typing import Any
 import numpy as np
 
 from scenarios.files.channel_names import TIME
-from scenarios.files.measured.sidecar import SCHEMA
+from scenarios.files.measured.sidecar import SCHEMA, SIMULATED
 from sim.errors import FlightidError
 from sim.record import Record
 
 RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"  # a study's outputs over time: its file, and what stands before their names
 
 
-def write_record(folder: str | Path, record: Record, stem: str = "record") -> tuple[Path, Path]:
+def write_record(folder: str | Path, record: Record, stem: str = "record", *, simulated: bool = False) -> tuple[Path, Path]:
     """Write ``stem.csv`` and ``stem.json`` and return their paths.
 
     The CSV has plain names and SI units, each number in the shortest decimal form that reads back as the same
-    float, an empty cell where a sample is missing. The JSON has the name, the hold of the inputs and the units.
+    float, an empty cell where a sample is missing. The JSON has the name, the hold of the inputs, the units, and
+    that the data are ``simulated`` where they are.
     """
     table, sidecar = Path(folder) / f"{stem}.csv", Path(folder) / f"{stem}.json"
     columns = [record.time, *(channel.with_gaps() for channel in record.channels)]
@@ -38,7 +39,8 @@ def write_record(folder: str | Path, record: Record, stem: str = "record") -> tu
     )
     _put(table, text.getvalue())
     units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
-    write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units})
+    origin = {"origin": SIMULATED} if simulated else {}
+    write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units, **origin})
     return table, sidecar
 
 

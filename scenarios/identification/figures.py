@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,8 +12,8 @@ from matplotlib.figure import Figure
 from scenarios.identification.assessment.prediction import RecordFit
 from scenarios.identification.result import Identification
 from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.display import axis_label, display_unit
-from scenarios.plots.files import save_figure
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
+from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
@@ -20,31 +21,33 @@ from scenarios.plots.style import LABEL_SIZE, LIGHT, MEASURED, TRUE, finish, mak
 from sim.record import Record
 
 
-def draw_identification(found: Identification, measured: Record, folder: Path, sensor_noise: Mapping[str, float] | None = None) -> None:
-    """Draw the figures of a measured record's identification into ``folder``; ``measured`` is the record with the channels that were recorded.
+def identification_figures(
+    found: Identification, measured: Record, data: str = MEASURED_DATA, sensor_noise: Mapping[str, float] = MappingProxyType({})
+) -> Iterator[Named]:
+    """The figures of an identification: stem of each file, and what draws it; ``measured`` has the channels that were recorded.
 
-    ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
+    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than it; bands about residuals are drawn with it.
     """
     estimate, title = found.estimate, f"{found.record.name}: {found.vehicle.model}, {found.method}"
-    save_figure(figure_record(measured, title), folder, "record")
+    yield "record", partial(figure_record, measured, title, data)
     response = response_of(estimate)
     noise = dict(zip(estimate.output_names, estimate.noise_std.tolist(), strict=True))
-    sensors = {**noise, **(sensor_noise or {})}
-    save_figure(figure_fit(found.record, [response], None, title, sensors), folder, "fit")
-    draw_other_records(found, sensors, folder)
+    sensors = {**noise, **sensor_noise}
+    yield "fit", partial(figure_fit, found.record, [response], None, title, sensors, data)
+    yield from other_records(found, sensors, data)
     if found.band is not None and found.fits[0].figures is not None:
-        save_figure(figure_spectra(found.fits[0], noise, found.band, title), folder, "spectra")
+        yield "spectra", partial(figure_spectra, found.fits[0], noise, found.band, title, data)
     if estimate.history is not None:
         followed = [(name, unit) for name, unit in zip(estimate.names, estimate.units, strict=True) if name in estimate.history.names]
         names, kinds = zip(*followed, strict=True)  # a delay that a bank found has no history
-        save_figure(figure_parameter_histories(estimate.history, names, kinds, title=title), folder, "parameters")
+        yield "parameters", partial(figure_parameter_histories, estimate.history, names, kinds, title=title)
         units = units_of(found.record, estimate.output_names)
-        save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, "innovations")
+        yield "innovations", partial(figure_innovations, estimate.history, estimate.output_names, units, title)
     if len(estimate.names) > 1:
-        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+        yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
 
 
-def draw_other_records(found: Identification, noise: Mapping[str, float], folder: Path) -> None:
+def other_records(found: Identification, noise: Mapping[str, float], data: str = MEASURED_DATA) -> Iterator[Named]:
     """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``, ... of those that were not fitted."""
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -56,11 +59,11 @@ def draw_other_records(found: Identification, noise: Mapping[str, float], folder
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
         response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
-        save_figure(figure_fit(each.record, [response], None, title, noise), folder, name)
+        yield name, partial(figure_fit, each.record, [response], None, title, noise, data)
 
 
-def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[float, float], title: str = "") -> Figure:
-    """Amplitudes of the measured and the simulated outputs and of their difference at the record's harmonics; what was fitted is shaded.
+def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[float, float], title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """Amplitudes of the recorded and the simulated outputs and of their difference at the record's harmonics; what was fitted is shaded.
 
     Of a transform over the root of the number of samples, so that white noise has its own standard deviation at every frequency. Angles in
     degrees.
@@ -76,9 +79,9 @@ def figure_spectra(each: RecordFit, noise: Mapping[str, float], band: tuple[floa
         rows = bridged, each.simulated[each.outputs.index(channel.name)]
         measured, simulated = (unit.factor * np.fft.rfft(row)[1 : len(frequency) + 1] / np.sqrt(count) for row in rows)
         panel.axvspan(*band, color=LIGHT, alpha=0.5, linewidth=0, label="fitted")
-        panel.plot(frequency, np.abs(measured), label="measured", **{**MEASURED, "markersize": 5.0})
-        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0))
-        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1))
+        panel.plot(frequency, np.abs(measured), label=data, **{**MEASURED, "markersize": 5.0})
+        panel.plot(frequency, np.abs(simulated), label="free simulation", **method_style(0, alone=True))
+        panel.plot(frequency, np.abs(measured - simulated), label="their difference", **method_style(1, alone=True))
         if channel.name in noise:
             panel.axhline(unit.factor * noise[channel.name], label="noise level of the fit", **TRUE)
         panel.set_xscale("log")

@@ -19,13 +19,13 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment.bounds import tied_rows, within_bounds
 from scenarios.identification.assessment.intervals import profiled
 from scenarios.identification.assessment.prediction import RecordFit, record_fits
+from scenarios.identification.assessment.training import trained_by
 from scenarios.identification.cautions import cautions_of
 from scenarios.identification.frequency import METHOD as FREQUENCY
 from scenarios.identification.frequency import chosen_band, delays_of
 from scenarios.identification.gravity import PATH, weighed, without_theta
 from scenarios.identification.methods import FILTERS, estimated_by, forced, refuse_method, uses_attitude
 from scenarios.identification.result import PLAIN, Identification, Options
-from scenarios.identification.training import trained_by
 from scenarios.preparation.vehicle_model import model_of_file, outputs_with_bias, step_for
 from scenarios.studies.rows import rows_of
 from sim.declaration.compile import compile_model
@@ -68,17 +68,16 @@ def identify(
     model, records, held_out, said = _declared(model or model_of_file(vehicle), records, held_out, vehicle, method)
     outputs = _measured(model, records)
     biased = model.with_biases(outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else [])
-    # A common factor of an elastic coordinate is not in the data: only a prior fixes it.
+    # A common factor of an elastic coordinate is not in the data: only a prior fixes it. Filters know no bounds.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
-    kept = method not in FILTERS  # filters know no bounds
     bounded, system, estimate, at_bounds = within_bounds(
-        biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=kept
+        biased, lambda each: estimated_by(records, each, outputs, method, settings, options), kept=method not in FILTERS
     )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
     airborne = vehicle.model != "ballistic" and moves_about_rest(model) and bool(np.all(np.isfinite(estimate.values)))
-    flown = estimate.only(system.parameters.names)
+    flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
     return Identification(
         record,
         vehicle,
@@ -98,9 +97,8 @@ def identify(
         at_bounds=at_bounds,
         intervals=_intervals(records, bounded, outputs, estimate, settings, options),
         band=options.band,
-        fits=_fits(records, held_out, compile_model(bounded, outputs), estimate, settings),
-        trained=trained_by(compile_model(bounded, outputs), estimate.as_dict(), settings),
-        biased=biased.biases,
+        fits=_fits(records, held_out, compiled, estimate, settings),
+        trained=trained_by(compiled, estimate.as_dict(), settings),
     )
 
 
@@ -142,7 +140,7 @@ def _low_order(record: Record, vehicle: VehicleFile, held_out: Sequence[Record],
     fits = record_fits([record], held_out, system, values, settings)
     modes = characteristics(compile_model(model), found.estimate)
     cautions, trained = cautions_of(vehicle, found.estimate, found.rows), trained_by(system, values, settings)
-    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained, biased=tuple(outputs))
+    return replace(found, cautions=cautions, fits=fits, modes=modes, system=compile_model(model), trained=trained)
 
 
 def _fits(records: Sequence[Record], held_out: Sequence[Record], system: System, estimate: Estimate, settings: FitSettings) -> tuple[RecordFit, ...]:

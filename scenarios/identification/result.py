@@ -29,7 +29,7 @@ class Identification:
     ``modes``: numbers of the modes from which levels of flying qualities follow, None where there are none. ``system``: the compiled model.
     ``tied``: parameters that follow others; ``at_bounds`` those that ended at a bound and are not among ``rows``. ``intervals`` by profile
     likelihood, where they were asked. ``fits``: each record simulated with the estimate, those held out last. ``band``: Hz, of a fit in
-    the frequency domain. ``trained``: what another record is predicted with; ``biased``: outputs with a free bias there.
+    the frequency domain. ``trained``: what another record is predicted with.
     """
 
     record: Record
@@ -55,7 +55,6 @@ class Identification:
     fits: tuple[RecordFit, ...] = ()
     band: tuple[float, float] | None = None
     trained: Trained | None = None
-    biased: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Identification: {self.vehicle.model} model of {self.vehicle.name} from {self.record!r}: {self.estimate!r}>"

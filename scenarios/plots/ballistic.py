@@ -9,7 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import FilterHistory
-from scenarios.plots.display import KILOMETRES, METRES_PER_SECOND, POUNDS_PER_SQUARE_FOOT, DisplayUnit, plain, signed, symbol
+from scenarios.plots.display import (
+    KILOMETRES,
+    MEASURED_DATA,
+    METRES_PER_SECOND,
+    POUNDS_PER_SQUARE_FOOT,
+    SIMULATED_DATA,
+    DisplayUnit,
+    plain,
+    signed,
+    symbol,
+)
 from scenarios.plots.histories import Course, course
 from scenarios.plots.style import (
     BLUE,
@@ -42,7 +52,12 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
     sheet = make_sheet([1.9, 1.9], (1.0, 1.0) if errors else (1.0,), row_gap=0.36, column_gap=0.8)
     altitude = record["altitude"]
     top = sheet.axes[0][0]
-    top.plot(record.time[altitude.valid], KILOMETRES.factor * altitude.values[altitude.valid], label="measured", **MEASURED)
+    top.plot(
+        record.time[altitude.valid],
+        KILOMETRES.factor * altitude.values[altitude.valid],
+        label=SIMULATED_DATA if truth is not None else MEASURED_DATA,
+        **MEASURED,
+    )
     metres = DisplayUnit("m")
     for row, (name, unit, fine) in enumerate((("altitude", KILOMETRES, metres), ("velocity", METRES_PER_SECOND, METRES_PER_SECOND))):
         panel = sheet.axes[row][0]
@@ -52,7 +67,7 @@ def figure_trajectory(record: Record, histories: Mapping[str, FilterHistory], tr
             panel.plot(path.time, path.mean, label=plain(label), **method_style(number))
         if truth is not None:
             actual = truth.states[name]
-            panel.plot(truth.time, unit.factor * actual, label="true", **TRUE)
+            panel.plot(truth.time, unit.factor * actual, label="true", zorder=5, **TRUE)
             _errors(sheet.axes[row][1], name, fine, histories, actual)
     for panel in sheet.axes[-1]:
         time_axis(panel)
@@ -70,7 +85,9 @@ def figure_ballistic_coefficient(
     """
     count, per_row = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
-    sheet = make_sheet([1.9 if blocks == 1 else 1.4] * per_row * blocks, (1.0,) * min(count, 2), row_gap=0.36 if blocks == 1 else 0.5, column_gap=0.6)
+    sheet = make_sheet(
+        [1.9 if blocks == 1 else 1.4] * per_row * blocks, (1.0,) * min(count, 2), row_gap=0.36 if blocks == 1 else 0.62, column_gap=0.6
+    )
     room = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
     paths = {label: course(history, "beta", unit.factor) for label, history in histories.items()}
     errors: list[np.ndarray] = []
@@ -89,7 +106,7 @@ def figure_ballistic_coefficient(
         panel.plot(path.time, path.mean, color=BLUE, linewidth=1.2, label="estimate")
         if true is not None:
             actual = unit.factor * np.broadcast_to(true, len(histories[label].time))[: path.time.size]
-            panel.plot(path.time, actual, label="true", **TRUE)
+            panel.plot(path.time, actual, label="true", zorder=5, **TRUE)
             errors.append(path.mean - actual)
             _error(sheet.axes[row + 1][column], path, errors[-1])
     for row in range(per_row * blocks) if count % 2 and blocks > 1 else ():
@@ -123,7 +140,9 @@ def _errors(panel: Axes, name: str, unit: DisplayUnit, histories: Mapping[str, F
         error = path.mean - unit.factor * actual[: path.time.size]
         panel.plot(path.time, error, **look)
         for sign in (-2.0, 2.0):
-            panel.plot(path.time, sign * path.std, color=look["color"], linewidth=0.7, linestyle=look["linestyle"], alpha=0.6)
+            panel.plot(
+                path.time, sign * path.std, color=look["color"], linewidth=0.5 * look["linewidth"], linestyle=look["linestyle"], zorder=look["zorder"]
+            )
         limit = max(limit, _late_limit(error, path.std, 0.1))
     panel.set_ylim(-limit or -1.0, limit or 1.0)
     y_label(panel, f"error ({unit.text})")

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.display import axis_label, display_unit, plain, signed, symbol
+from scenarios.plots.display import axis_label, display_unit, plain, scaled_unit, signed, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -117,17 +117,16 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     The band of two is shaded. Errors in per cent stand at the right: a method that states a large deviation is
     not near the truth for being within it. A published value without a deviation has its per cent only.
     """
-    n = len(rows)
+    n, has_published = len(rows), any(row.published is not None for row in rows)
     lines = [folded(plain(row.label), _LABEL) if row.label else [symbol(row.name)] for row in rows]
     labels = ["\n".join(some) for some in lines]
     left = max([1.0, *(text_width(line) + 0.2 for some in lines for line in some)])
     tallest = max((len(some) for some in lines), default=1)
-    sheet = make_sheet([(0.34 + 0.15 * max(0, tallest - 2)) * n + 0.1], count=min(n, 1), left=left, right=1.85)
+    sheet = make_sheet([(0.34 + 0.15 * max(0, tallest - 2)) * n + 0.1], count=min(n, 1), left=left, right=1.85 if has_published else 1.0)
     panel = sheet.panels[0]
     first, second = (1.0 + inches / (WIDTH - sheet.left - sheet.right) for inches in (0.8, 1.65))  # right edges of the columns of errors
     panel.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     panel.axvline(0.0, **ZERO)
-    has_published = any(row.published is not None for row in rows)
     heading = n - 0.35
     for x, text, colour in ((first, "this study", BLUE), (second, "published", VERMILION)):
         if has_published or colour == BLUE:
@@ -159,15 +158,17 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
     """
     names, aircraft = list(dict.fromkeys(row.name for row in rows)), list(dict.fromkeys(row.aircraft for row in rows))
     columns = min(3, max(len(names), 1))
-    sheet = make_sheet([1.45] * -(-len(names) // columns), (1.0,) * columns, count=len(names), row_gap=0.38, column_gap=0.55, left=0.6)
+    sheet = make_sheet([1.45] * -(-len(names) // columns), (1.0,) * columns, count=len(names), row_gap=0.42, column_gap=0.62, left=0.66)
     room = (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)) / columns / max(len(aircraft), 1)
     numbered = any(text_width(name, TICK_SIZE) > room for name in aircraft)
     if numbered:
         title = "\n".join([title, *(f"{number}: {name}" for number, name in enumerate(aircraft, start=1))])
     for name, panel in zip(names, sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
-        unit = display_unit(of_name[0].unit, name)
-        caption(panel, axis_label(name, unit))
+        # A power of ten stands in the unit, not above the axis.
+        base = display_unit(of_name[0].unit, name)
+        unit = scaled_unit(base, base.factor * max(abs(value) for row in of_name for value in (row.rigid, row.condensed, row.estimate)))
+        caption(panel, axis_label(name, unit), LABEL_SIZE)
         for row in of_name:
             x = float(aircraft.index(row.aircraft))
             panel.plot([x - 0.4, x + 0.4], [unit.factor * row.rigid] * 2, label="rigid, true", **TRUE)
@@ -180,7 +181,9 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
         panel.set_xlim(-0.6, len(aircraft) - 0.4)
         panel.grid(False, axis="x")
         panel.margins(y=0.12)
-    return finish(sheet, title, bottom=0.3, head=0.24)
+    for panel in sheet.panels[-columns:] if numbered else ():
+        panel.set_xlabel("method, as numbered above", fontsize=TICK_SIZE)
+    return finish(sheet, title, bottom=0.5 if numbered else 0.3, head=0.26)
 
 
 def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label: str) -> None:

@@ -7,12 +7,13 @@ from matplotlib.figure import Figure
 
 from ident.compatibility.faults import UNITS
 from ident.compatibility.result import Reconstruction
-from scenarios.plots.display import axis_label, display_unit
-from scenarios.plots.style import BLUE, GREEN, MEASURED, TICK_SIZE, VERMILION, ZERO, finish, make_sheet, time_axis, y_label
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit
+from scenarios.plots.style import MEASURED, TICK_SIZE, ZERO, finish, make_sheet, method_style, time_axis, y_label
 
 
-def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
-    """Each output measured (dots), integrated from the measured inputs and smoothed with the output itself, and below what each leaves.
+def figure_reconstruction(item: Reconstruction, title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """Each output as recorded (dots, called ``data``), integrated from the measured inputs and smoothed with the output itself,
+    and below what each leaves.
 
     What is integrated drifts off with the inputs' noise, as it must. Angles in degrees.
     """
@@ -23,16 +24,17 @@ def figure_reconstruction(item: Reconstruction, title: str = "") -> Figure:
         unit = display_unit(UNITS[name])
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
         measured, used = unit.factor * item.measured[name], item.used[name]
-        above.plot(item.time[used], measured[used], label="measured", **MEASURED)
+        above.plot(item.time[used], measured[used], label=data, **MEASURED)
         below.axhline(0.0, **ZERO)
-        shown = [(item.recorded[name], VERMILION, "--", "integrated from the other channels")]
+        shown = [(item.recorded[name], "integrated from the other channels")]
         if corrected:
-            shown.append((item.integrated[name], BLUE, "-", "with the faults that stand"))
-        shown.append((item.smoothed[name], GREEN, ":", "smoothed"))
-        for values, colour, style, label in shown:
-            above.plot(item.time, unit.factor * values, color=colour, linestyle=style, linewidth=1.2, label=label, zorder=3)
+            shown.append((item.integrated[name], "with the faults that stand"))
+        shown.append((item.smoothed[name], "smoothed"))
+        for order, (values, label) in enumerate(shown):
+            look = method_style(order)
+            above.plot(item.time, unit.factor * values, label=label, **look)
             residual = np.where(used, measured - unit.factor * values, np.nan)
-            below.plot(item.time, residual, linestyle="none", marker=".", markersize=2.5, color=colour, markeredgewidth=0.0)
+            below.plot(item.time, residual, linestyle="none", marker=".", markersize=2.5, color=look["color"], markeredgewidth=0.0)
         y_label(above, axis_label(name, unit))
         y_label(below, f"residual ({unit.text})", TICK_SIZE)
     time_axis(sheet.panels[-1])

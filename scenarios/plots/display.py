@@ -21,6 +21,9 @@ POUNDS_PER_SQUARE_FOOT = DisplayUnit("lb/ft²", 0.3048**2 / 0.45359237)
 KILOMETRES = DisplayUnit("km", 1e-3)
 METRES_PER_SECOND = DisplayUnit("m/s")
 
+# What the samples of a record are called in a figure: that a program made them is said everywhere.
+MEASURED_DATA, SIMULATED_DATA = "measured", "simulated record"
+
 _EXPONENTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _POWERS = str.maketrans("234", "²³⁴")
 _SIGNALS = {

@@ -119,8 +119,8 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
     panel = sheet.panels[0]
     below = np.clip(np.max(curve.log_likelihood) - curve.log_likelihood, 0.0, _DEEPEST)
     panel.plot(1e3 * curve.delays, below, color=BLUE, marker="o", markersize=4.0, linewidth=1.0, label="bank of filters, one pass")
-    panel.axvline(1e3 * curve.most_likely, color=BLUE, linewidth=1.0, linestyle=":", label="most likely")
-    panel.axvline(1e3 * curve.weighted_mean, color=GREEN, linewidth=1.0, linestyle="--", label="likelihood-weighted sum")
+    panel.axvline(1e3 * curve.most_likely, color=BLUE, linewidth=2.4, alpha=0.5, label="most likely")
+    panel.axvline(1e3 * curve.weighted_mean, color=GREEN, linewidth=1.3, linestyle="--", label="likelihood-weighted sum")
     panel.axvline(1e3 * curve.refined, color=VERMILION, linewidth=1.2, label="refined" + (" ±2σ" if curve.refined_std > 0 else ""))
     if curve.refined_std > 0:
         half = 2e3 * curve.refined_std
@@ -174,15 +174,16 @@ def figure_linear(
     sheet = make_sheet([1.05] * (len(names) + 1) + [1.9], row_gap=0.45, share_x=False)
     for name, unit, one, other, panel in zip(names, units, flown, linear, sheet.panels, strict=False):
         shown = display_unit(unit)
-        panel.plot(time, shown.factor * one, color=BLUE, linewidth=1.2, label="flown, noise-free")
+        panel.plot(time, shown.factor * one, color=BLUE, linewidth=2.4, label="flown, noise-free")
         panel.plot(time, shown.factor * other, label="linear, python-control", **TRUE)
         y_label(panel, axis_label(name, shown))
         panel.set_xlim(time[0], time[-1])
     shown, row = display_unit(units[names.index("q")]), names.index("q")
     panel = sheet.panels[len(names)]
     panel.plot(time, shown.factor * (flown[row] - linear[row]), color=VERMILION, linewidth=1.0, label="flown less linear")
+    panel.axhline(0.0, **ZERO)
     panel.set_xlim(time[0], time[-1])
-    y_label(panel, axis_label("q", shown))
+    y_label(panel, f"difference in {symbol('q')} ({shown.text})")
     time_axis(panel)
     panel = sheet.panels[-1]
     for (label, values), colour, marker in zip(curves.items(), (BLUE, GREEN, BLACK), ("o", "s", "^"), strict=True):
@@ -193,7 +194,7 @@ def figure_linear(
     panel.set_xticks(list(sticks), [f"{size:g}" for size in sticks])
     panel.minorticks_off()
     panel.set_xlabel("largest stick (in)", fontsize=LABEL_SIZE)
-    y_label(panel, f"misfit of {symbol('q')}, share")
+    y_label(panel, f"misfit of {symbol('q')} (–)")
     return finish(sheet, title)
 
 
@@ -220,7 +221,7 @@ def figure_open_margins(
     panel.set_xlim(*ends)
     panel.set_ylim(*ends)
     panel.set_xlabel("phase margin of the simulation (deg)", fontsize=LABEL_SIZE)
-    y_label(panel, "of the flight (deg)")
+    y_label(panel, "phase margin of the flight (deg)")
     if effects:
         panel, places = sheet.panels[1], np.arange(len(effects))[::-1]
         panel.barh(places, [value for _, value in effects], height=0.55, color=BLUE)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import Estimate
-from scenarios.plots.display import axis_label, display_unit, plain
+from scenarios.plots.display import MEASURED_DATA, axis_label, display_unit, plain
 from scenarios.plots.style import BLUE, MEASURED, SKY, TICK_SIZE, TRUE, ZERO, caption, finish, make_sheet, method_style, time_axis, y_label
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import Truth
@@ -42,8 +42,8 @@ def units_of(record: Record, names: Sequence[str]) -> list[str]:
     return [record[name].unit for name in names]
 
 
-def figure_record(record: Record, title: str = "") -> Figure:
-    """Inputs and outputs against time: inputs as they are held, outputs as dots; the number of missing samples is stated.
+def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) -> Figure:
+    """Inputs and outputs against time: inputs as they are held, outputs as dots, called ``data``; the number of missing samples is stated.
 
     Angles in degrees.
     """
@@ -55,18 +55,23 @@ def figure_record(record: Record, title: str = "") -> Figure:
             panel.plot(record.time, unit.factor * channel.values, color=BLUE, linewidth=1.2, drawstyle=style)
             caption(panel, "input, held between samples" if record.hold is Hold.PREVIOUS else "input, linear between samples")
         else:
-            _dots(panel, record, channel, unit.factor)
+            _dots(panel, record, channel, unit.factor, data)
             lost = int(np.count_nonzero(~channel.valid))
-            caption(panel, f"measured, {lost} of {len(record)} samples missing" if lost else "measured")
+            caption(panel, f"{data}, {lost} of {len(record)} samples missing" if lost else data)
         y_label(panel, axis_label(channel.name, unit))
     time_axis(sheet.panels[-1])
     return finish(sheet, title, head=0.22, legend=False)
 
 
 def figure_fit(
-    record: Record, responses: Sequence[Response], truth: Truth | None = None, title: str = "", noise_std: Mapping[str, float] | None = None
+    record: Record,
+    responses: Sequence[Response],
+    truth: Truth | None = None,
+    title: str = "",
+    noise_std: Mapping[str, float] | None = None,
+    data: str = MEASURED_DATA,
 ) -> Figure:
-    """Measured outputs (dots) against the estimated ones, and below each the residual, measured minus estimated.
+    """The outputs of a record (dots, called ``data``) against the estimated ones, and below each the residual, record minus estimate.
 
     Parameters
     ----------
@@ -81,18 +86,18 @@ def figure_fit(
     for number, channel in enumerate(shown):
         unit = display_unit(channel.unit)
         above, below = sheet.panels[2 * number], sheet.panels[2 * number + 1]
-        _dots(above, record, channel, unit.factor)
+        _dots(above, record, channel, unit.factor, data)
         if truth is not None and channel.name in truth.outputs:
-            above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=4, **TRUE)
+            above.plot(truth.time, unit.factor * truth.outputs[channel.name], label="true", zorder=5, **TRUE)
         if noise_std is not None and channel.name in noise_std:
             band = 2.0 * unit.factor * noise_std[channel.name]
-            below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the noise")
+            below.axhspan(-band, band, color=SKY, alpha=0.25, linewidth=0, label="±2σ of the sensor noise")
         below.axhline(0.0, **ZERO)
         for order, response in enumerate(responses):
             if channel.name not in response.outputs:
                 continue
-            look, values = method_style(order), unit.factor * response.outputs[channel.name]
-            above.plot(record.time, values, label=plain(response.label), zorder=3, **look)
+            look, values = method_style(order, alone=len(responses) == 1 and truth is None), unit.factor * response.outputs[channel.name]
+            above.plot(record.time, values, label=plain(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(record.time, residual, linestyle="none", marker=".", markersize=2.5, markeredgewidth=0.0, color=look["color"])
         _keep_in_sight(above, below, unit.factor * channel.values[channel.valid])
@@ -114,5 +119,5 @@ def _keep_in_sight(above: Axes, below: Axes, measured: np.ndarray) -> None:
     below.set_ylim(max(bottom, -reach), min(top, reach))
 
 
-def _dots(panel: Axes, record: Record, channel: Channel, factor: float) -> None:
-    panel.plot(record.time[channel.valid], factor * channel.values[channel.valid], label="measured", **MEASURED)
+def _dots(panel: Axes, record: Record, channel: Channel, factor: float, data: str) -> None:
+    panel.plot(record.time[channel.valid], factor * channel.values[channel.valid], label=data, **MEASURED)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from scenarios.plots.display import plain
 from sim.errors import ModelError
@@ -26,15 +27,24 @@ TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 10.0, 9.0, 8.0
 # Okabe and Ito's palette, without its yellow.
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
 BLACK, GREY, LIGHT = "#000000", "#7F7F7F", "#D9D9D9"
-_METHODS = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"))
+# Colour, dashes and width: each is thinner than the one before and lies upon it, so that lines that coincide are all seen.
+_METHODS: tuple[tuple[str, Any, float], ...] = (
+    (BLUE, "-", 2.2),
+    (VERMILION, (0, (5, 2)), 1.6),
+    (GREEN, (0, (4, 1.5, 1, 1.5)), 1.4),
+    (PURPLE, (0, (1, 1.2)), 1.3),
+    (ORANGE, "-", 0.9),
+    (BLACK, (0, (7, 4)), 0.8),
+)
 
 MEASURED: dict[str, Any] = {"color": GREY, "marker": ".", "markersize": 3.0, "markeredgewidth": 0.0, "linestyle": "none"}
-TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 1.0}
+TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.9}
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_MOST = 8, 5  # numbers at an axis, along and up
 _BOLD = 1.1  # how much wider bold letters are
 
 
@@ -57,10 +67,14 @@ class Sheet:
         return tuple(axes for row in self.axes for axes in row)
 
 
-def method_style(number: int) -> dict[str, Any]:
-    """Colour and line style of the method with this number; they repeat after six."""
-    colour, line = _METHODS[number % len(_METHODS)]
-    return {"color": colour, "linestyle": line, "linewidth": 1.2}
+def method_style(number: int, *, alone: bool = False) -> dict[str, Any]:
+    """Colour, dashes and width of the method with this number, and its place above those before; they repeat after six.
+
+    ``alone``: nothing will lie upon it, so that it may be thin and let what is below be seen.
+    """
+    colour, line, width = _METHODS[number % len(_METHODS)]
+    width = min(width, 1.3) if alone else width
+    return {"color": colour, "linestyle": line, "linewidth": width, "zorder": 3.0 + 0.1 * number}
 
 
 def make_sheet(
@@ -121,6 +135,7 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
         x = sheet.left
         for share, panel in zip(sheet.widths, row, strict=False):
             panel.set_position((x / WIDTH, y / height, share * scale / WIDTH, row_height / height))
+            _fewer_ticks(panel, share * scale, row_height)
             x += share * scale + sheet.column_gap
         y -= sheet.row_gap
     for row in sheet.axes:
@@ -187,6 +202,13 @@ def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
     panel.set_title(text, fontsize=size, loc="left", pad=4.5, y=1.0)
 
 
+def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
+    """Plain numbers at multiples of the powers of ten, nothing between."""
+    axis.set_major_locator(LogLocator(subs=multiples, numticks=9))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
+
+
 def _dress(panel: Axes) -> None:
     panel.grid(True, color=LIGHT, linewidth=0.5)
     panel.set_axisbelow(True)
@@ -195,7 +217,7 @@ def _dress(panel: Axes) -> None:
         spine.set_linewidth(0.6)
         spine.set_visible(side in ("left", "bottom"))
     panel.set_title("", loc="left", y=1.0)  # a title at a stated height: looking for a free one is half the cost of drawing
-    for axis, bins in ((panel.xaxis, 8), (panel.yaxis, 5)):
+    for axis, bins in ((panel.xaxis, _MOST[0]), (panel.yaxis, _MOST[1])):
         formatter = ScalarFormatter(useOffset=axis is panel.xaxis, useMathText=False)
         formatter.set_powerlimits((-3, 5))
         axis.set_major_formatter(formatter)
@@ -204,6 +226,14 @@ def _dress(panel: Axes) -> None:
     # A power of ten stands above the numbers, clear of the caption.
     panel.yaxis.get_offset_text().set_horizontalalignment("right")
     panel.yaxis.get_offset_text().set_x(-0.02)
+
+
+def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
+    """No more numbers at the axes than a panel of this size, in inches, has room for."""
+    for axis, most in ((panel.xaxis, max(3, min(_MOST[0], int(width / 0.42)))), (panel.yaxis, max(2, min(_MOST[1], int(height / 0.24))))):
+        locator = axis.get_major_locator()
+        if isinstance(locator, MaxNLocator):
+            locator.set_params(nbins=most)
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:

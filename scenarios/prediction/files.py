@@ -10,6 +10,10 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import PREDICTED, write_json
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
+from scenarios.prediction.page import prediction_page
 from scenarios.prediction.predict import Prediction, figures_of
 
 MAIN = "prediction.json"
@@ -17,14 +21,17 @@ SCHEMA = "flightid/prediction/1"
 DECLARED = "declared_"
 
 
-def write_prediction(found: Prediction, folder: str | Path, *, figures: bool = True) -> Path:
-    """Write ``prediction.csv``, with figures ``prediction.png``, and ``prediction.json`` last; returns the folder."""
+def write_prediction(found: Prediction, folder: str | Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``prediction.csv``, the figure ``prediction``, and ``prediction.json`` last; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
         (scratch / "prediction.csv").write_text(_table(found), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.prediction.figure import draw_prediction
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.prediction.figure import prediction_figures
 
-            draw_prediction(found, scratch)
+            drawn = drawn_for_page(prediction_figures(found), scratch, figures)
+        write_page(scratch, prediction_page(found, drawn))
         write_json(scratch / MAIN, prediction_content(found))
     return Path(folder)
 

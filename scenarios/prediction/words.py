@@ -9,24 +9,37 @@ from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import displayed
 from scenarios.terminal.tables import columns_of, table_lines
 
+HEADINGS = ("", "channel", "rms error", "fit %", "R2", "Theil")
+TITLE = "free simulation: initial states and biases alone are of the record itself"
+
 
 def prediction_text(found: Prediction, width: int = WIDTH) -> str:
     """What was predicted with which model, warnings, and the errors channel by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
-    of = f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (f" with {' and '.join(effects)}" if effects else "")
-    lines = wrapped(f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {of} ({found.study})", width)
+    told = f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s; {what_predicts(found)} ({found.study})"
+    lines = wrapped(told, width)
     for warning in found.warnings:
         lines += wrapped(f"warning: {warning}", width)
     if kept.made_by == DIAGNOSE and effects and not kept.claimed:
         lines += wrapped("the effects are hints: the study claimed none of them", width)
-    rows = [*(_rows(found, found.before, "as declared") if found.before is not None and effects else []), *_rows(found, found.after, "predicted")]
-    headings = ("", "channel", "rms error", "fit %", "R2", "Theil")
-    title = "free simulation: initial states and biases alone are of the record itself"
-    lines += table_lines(columns_of(headings, rows, left=2), title=title, width=width, keys=2)
+    lines += table_lines(columns_of(HEADINGS, error_rows(found), left=2), title=TITLE, width=width, keys=2)
     for note in found.notes:
         lines += wrapped(f"note: {note}", width)
     return "\n".join(lines) + "\n"
+
+
+def what_predicts(found: Prediction) -> str:
+    """The model, whose it is, and the effects in it."""
+    kept = found.kept
+    effects = [effect.name for effect in kept.after.effects]
+    return f"{kept.model} model of {found.vehicle}, from {kept.made_by}" + (f" with {' and '.join(effects)}" if effects else "")
+
+
+def error_rows(found: Prediction) -> list[tuple[str, ...]]:
+    """Cells below ``HEADINGS``: with the study's effects, and before that as declared where there are any."""
+    before = _rows(found, found.before, "as declared") if found.before is not None and found.kept.after.effects else []
+    return [*before, *_rows(found, found.after, "predicted")]
 
 
 def _rows(found: Prediction, simulation: Simulation, word: str) -> list[tuple[str, ...]]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ident.recording.finding import Finding
+from scenarios.pages.model import Column, Table
 from scenarios.preparation.recording import RawLook, Seen
 
 SHOWN = 3  # places of one finding that a table has room for
@@ -38,6 +39,13 @@ def record_rows(look: RawLook) -> list[tuple[str, str, str, str, str]]:
         (one.record, one.finding.channel, one.finding.sentence, _when(one.finding), f"{one.masked} samples {one.done}" if one.masked else one.done)
         for one in look.seen
     ]
+
+
+def record_table(look: RawLook) -> Table:
+    """The same as a page's table; without rows where nothing is seen."""
+    columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
+    caption = "What the raw columns show, before any fit; samples that were set aside count in no fit and no error"
+    return Table(caption, columns, tuple(record_rows(look)))
 
 
 def _content(one: Seen) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
+from functools import partial
 
-from scenarios.plots.files import save_figure
+from scenarios.plots.files import Named
 from scenarios.plots.studies.side_by_side import (
     ParameterColumn,
     StudyResponse,
@@ -19,20 +20,20 @@ from scenarios.side_by_side.value import Value
 TITLE = "studies side by side"
 
 
-def draw_compared(compared: SideBySide, folder: Path) -> None:
-    """Draw the figures of a comparison into ``folder`` as PNG files."""
+def compared_figures(compared: SideBySide) -> Iterator[Named]:
+    """The figures of a comparison: the stem of each file, and what draws it."""
     labels = [column.label for column in compared.columns]
     names = (*compared.names, *compared.derived)
     rows = {name: [_drawn(compared.value(name, column)) for column in compared.columns] for name in names}
     units = {name: compared.unit(name) for name in names}
-    save_figure(figure_studies_estimates(rows, units, labels, TITLE), folder, "compared_estimates")
+    yield "compared_estimates", partial(figure_studies_estimates, rows, units, labels, TITLE)
     known = {name: row for name, row in rows.items() if any(each is not None and each.reference is not None for each in row)}
     if known:
-        save_figure(figure_studies_errors(known, labels, TITLE), folder, "compared_errors")
+        yield "compared_errors", partial(figure_studies_errors, known, labels, TITLE)
     flown = [_response(column.label, column.responses) for column in compared.columns if column.responses is not None]
     shared = [name for name in dict.fromkeys(name for each in flown for name in each.measured) if sum(name in each.measured for each in flown) > 1]
     if shared:
-        save_figure(figure_studies_responses(flown, shared, TITLE), folder, "compared_responses")
+        yield "compared_responses", partial(figure_studies_responses, flown, shared, TITLE)
 
 
 def _drawn(value: Value | None) -> ParameterColumn | None:
@@ -40,4 +41,4 @@ def _drawn(value: Value | None) -> ParameterColumn | None:
 
 
 def _response(label: str, found: Responses) -> StudyResponse:
-    return StudyResponse(label, found.time, found.inputs, found.measured, found.predicted, found.units)
+    return StudyResponse(label, found.time, found.inputs, found.measured, found.predicted, found.units, found.simulated)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.files.channel_names import CHANNEL_UNITS, TIME
+from scenarios.files.measured.sidecar import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 
 SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenarios
@@ -21,7 +22,8 @@ SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenari
 class Responses:
     """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is nothing.
 
-    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of the channels, those that are known.
+    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of the channels, those that are known;
+    ``simulated``: a program made the record.
     """
 
     time: np.ndarray
@@ -30,6 +32,7 @@ class Responses:
     predicted: Mapping[str, np.ndarray]
     true: Mapping[str, np.ndarray]
     units: Mapping[str, str]
+    simulated: bool = False
 
 
 def read_responses(folder: Path, method: str = "") -> Responses | None:
@@ -44,16 +47,19 @@ def read_responses(folder: Path, method: str = "") -> Responses | None:
     measured = {name: table[name] for name in predicted if name in table}
     others = (name for name in table if not name.startswith((PREDICTED, SIMULATED, TRUE)) and name not in (TIME, *measured))
     inputs = {name: table[name] for name in others}
-    return Responses(table[TIME], inputs, measured, {name: predicted[name] for name in measured}, true, _units(folder))
+    return Responses(table[TIME], inputs, measured, {name: predicted[name] for name in measured}, true, *_told(folder))
 
 
-def _units(folder: Path) -> dict[str, str]:
-    """Units of channels, those of the folder's record where it tells them."""
+def _told(folder: Path) -> tuple[dict[str, str], bool]:
+    """Units of channels, those of the folder's record where it tells them, and whether that record is simulated."""
     try:
-        told = json.loads((folder / "record.json").read_bytes())["units"]
-    except (OSError, ValueError, LookupError, TypeError):
-        told = {}
-    return {**CHANNEL_UNITS, **({name: str(unit) for name, unit in told.items()} if isinstance(told, dict) else {})}
+        content = json.loads((folder / "record.json").read_bytes())
+    except (OSError, ValueError):
+        content = {}
+    content = content if isinstance(content, dict) else {}
+    units = content.get("units", {})
+    told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:

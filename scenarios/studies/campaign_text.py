@@ -12,7 +12,11 @@ from rich.console import Console
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.report.campaign import campaign_page
 from scenarios.terminal.display_units import unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.summary import BELOW, Summary, print_summary
@@ -47,8 +51,8 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
 
 
-def write_campaign(campaign: Campaign, out: Path) -> Path:
-    """Write ``campaign.json`` and ``estimates.csv`` into the folder ``out``, whole or not at all; returns the folder."""
+def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``campaign.json``, ``estimates.csv``, the figure ``campaign`` and the page into the folder ``out``, whole or not at all; returns it."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -56,6 +60,13 @@ def write_campaign(campaign: Campaign, out: Path) -> Path:
         for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
+        if figures:
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.studies.figures import campaign_figures
+
+            drawn = drawn_for_page(campaign_figures(campaign), scratch, figures)
+        write_page(scratch, campaign_page(campaign, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, ErrorCloud, figure_comparison, figure_equivalents, figure_repeated
 from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.files import save_figure
+from scenarios.plots.display import SIMULATED_DATA
+from scenarios.plots.files import Named
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of, units_of
+from scenarios.plots.studies.campaign import Coverage, figure_campaign
 from scenarios.plots.studies.determination import DeterminedBy, figure_determination
+from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.declaration import Start
 from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
@@ -24,21 +28,24 @@ MOST_RESPONSES = 3
 MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page are no longer read
 
 
-def draw_study(study: Study, folder: Path) -> None:
-    """Draw a scenario's figures into ``folder`` as PNG files."""
+def study_figures(study: Study) -> Iterator[Named]:
+    """A scenario's figures: the stem of each file, and what draws it."""
     scenario, main = study.scenario, study.main
     title = scenario.title
-    save_figure(figure_record(study.record, title), folder, "record")
-    fit = figure_fit(study.record, [_response(method) for method in _told_apart(study)], study.truth, title, study.truth.noise_std)
-    save_figure(fit, folder, "fit")
+    yield "record", partial(figure_record, study.record, title, SIMULATED_DATA)
+    responses = [_response(method) for method in _told_apart(study)]
+    yield "fit", partial(figure_fit, study.record, responses, study.truth, title, study.truth.noise_std, SIMULATED_DATA)
     for method in study.methods:
         if method.estimation.flight is not None:
-            save_figure(figure_record(method.result.record, f"{title}\n{method.estimation.label}"), folder, f"record_{method.estimation.name}")
+            yield (
+                f"record_{method.estimation.name}",
+                partial(figure_record, method.result.record, f"{title}\n{method.estimation.label}", SIMULATED_DATA),
+            )
         # Of a single parameter the figures of all methods together say what one for each would.
         if method is main or len(method.rows) > 1:
-            _draw_filter(study, method, folder, "" if method is main else f"_{method.estimation.name}")
+            yield from _filter_figures(study, method, "" if method is main else f"_{method.estimation.name}")
     if scenario.estimations[0].model == "ballistic":
-        _draw_ballistic(study, folder)
+        yield from _ballistic_figures(study)
     rows = [
         ComparisonRow(
             row.name,
@@ -56,20 +63,34 @@ def draw_study(study: Study, folder: Path) -> None:
     if rows:
         against = "condensed" if scenario.condensed else "true"
         label = "" if len(main.rows) == 1 else f"{main.estimation.label}: "
-        save_figure(figure_comparison(rows, f"{title}\n{label}error against the {against} value"), folder, "errors")
+        yield "errors", partial(figure_comparison, rows, f"{title}\n{label}error against the {against} value")
     if study.repeated:
         clouds = [ErrorCloud(each.estimation.label, each.flight, each.names, each.sigmas, each.outcomes) for each in study.repeated]
-        save_figure(figure_repeated(clouds, title), folder, "repeated")
+        yield "repeated", partial(figure_repeated, clouds, title)
     determined = [_determined(method.determination) for method in study.methods if method.determination is not None]
     if determined:
-        save_figure(figure_determination(determined, title), folder, "determination")
+        yield "determination", partial(figure_determination, determined, title)
     if study.sweep is not None:
-        save_figure(draw_sweep(study.sweep, title), folder, "flexibility")
+        yield "flexibility", partial(draw_sweep, study.sweep, title)
     if scenario.condensed:
-        save_figure(figure_equivalents(_equivalents(study), title), folder, "equivalents")
+        yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
 
 
-def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) -> None:
+def campaign_figures(campaign: Campaign) -> Iterator[Named]:
+    """The figure of a campaign: errors of all runs, and how often their intervals hold the reference."""
+    reference = np.array([[spread.reference] for spread in campaign.spreads])
+    sigmas = (campaign.values - reference) / campaign.std
+    rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
+    title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
+    yield "campaign", partial(figure_campaign, [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
+
+
+def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:
+    low, high = spread.interval
+    return Coverage(spread.name, sigmas, 100.0 * spread.within_two, (100.0 * low, 100.0 * high))
+
+
+def _filter_figures(study: Study, method: MethodResult, suffix: str) -> Iterator[Named]:
     estimate, estimation = method.result.estimate, method.estimation
     title = f"{study.scenario.title}\n{estimation.label}"
     if estimate.history is not None:
@@ -78,14 +99,13 @@ def _draw_filter(study: Study, method: MethodResult, folder: Path, suffix: str) 
         published = {row.name: _pair(row.published) for row in method.rows if row.published is not None}
         units = [row.unit for row in method.rows]
         against = "condensed" if study.scenario.condensed else "true"
-        few = len(estimate.names) <= MOST_PANELS
-        histories = figure_parameter_histories(estimate.history, estimate.names, units, true, published, prior, title, against) if few else None
-        if histories is not None:
-            save_figure(histories, folder, f"parameters{suffix}")
+        if len(estimate.names) <= MOST_PANELS:
+            shown = estimate.history, estimate.names, units, true, published, prior, title, against
+            yield f"parameters{suffix}", partial(figure_parameter_histories, *shown)
         units = units_of(method.result.record, estimate.output_names)
-        save_figure(figure_innovations(estimate.history, estimate.output_names, units, title), folder, f"innovations{suffix}")
+        yield f"innovations{suffix}", partial(figure_innovations, estimate.history, estimate.output_names, units, title)
     if method is study.main and 1 < len(estimate.names) <= MOST_PANELS and np.all(np.isfinite(estimate.correlation)):
-        save_figure(figure_correlation(estimate.names, estimate.correlation, title), folder, "correlation")
+        yield "correlation", partial(figure_correlation, estimate.names, estimate.correlation, title)
 
 
 def _told_apart(study: Study) -> list[MethodResult]:
@@ -100,7 +120,7 @@ def _told_apart(study: Study) -> list[MethodResult]:
     return [study.main, *(m for m in same_record if np.any(np.abs(size(m) / expected - 1.0) > TOLD_APART))][:MOST_RESPONSES]
 
 
-def _draw_ballistic(study: Study, folder: Path) -> None:
+def _ballistic_figures(study: Study) -> Iterator[Named]:
     kept, same_fall = {}, {}
     for method in study.methods:
         if method.result.estimate.history is not None:
@@ -108,10 +128,10 @@ def _draw_ballistic(study: Study, folder: Path) -> None:
             if method.estimation.flight is None:
                 same_fall[method.estimation.label] = method.result.estimate.history
     if same_fall:
-        save_figure(figure_trajectory(study.record, same_fall, study.truth, study.scenario.title), folder, "trajectory")
+        yield "trajectory", partial(figure_trajectory, study.record, same_fall, study.truth, study.scenario.title)
     if kept:
         true = study.truth.parameters["beta"].value
-        save_figure(figure_ballistic_coefficient(kept, true, title=study.scenario.title), folder, "ballistic_coefficient")
+        yield "ballistic_coefficient", partial(figure_ballistic_coefficient, kept, true, title=study.scenario.title)
 
 
 def _response(method: MethodResult) -> Response:

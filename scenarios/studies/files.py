@@ -11,8 +11,12 @@ import numpy as np
 
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import RESPONSE, write_json, write_record, write_responses
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.studies.comparison import comparison
 from scenarios.studies.determination.content import determination_csv
+from scenarios.studies.report.page import study_page
 from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.content import sweep_csv
 from scenarios.studies.text import print_study
@@ -23,20 +27,21 @@ from sim.truth.flight import Truth
 MAIN = "comparison.json"
 
 
-def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Path:
+def write_study(study: Study, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
     Files: ``record.csv`` and ``record.json``, ``truth.json``, ``study.txt`` (what the terminal shows), ``response.csv`` (measured, predicted
-    and noise-free outputs), ``history.csv`` of a filter, figures as PNG, ``comparison.json`` last. Further methods leave
+    and noise-free outputs), ``history.csv`` of a filter, figures in the formats ``figures``, ``report.html`` with them and ``report.json``, from
+    which it is made, ``comparison.json`` last. Further methods leave
     ``response_METHOD.csv`` and ``history_METHOD.csv``, those that saw another flight or other sensors ``record_METHOD.csv``; a sweep
     ``sweep.csv``, determination ``determination.csv``.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.record)
+        write_record(scratch, study.record, simulated=True)
         for method in study.methods:
             name = method.estimation.name
             if method.result.record is not study.record:
-                write_record(scratch, method.result.record, f"record_{name}")
+                write_record(scratch, method.result.record, f"record_{name}", simulated=True)
             suffix = "" if method is study.main else f"_{name}"
             estimate = method.result.estimate
             predicted = dict(zip(estimate.output_names, estimate.fitted[0], strict=True))
@@ -50,10 +55,13 @@ def write_study(study: Study, folder: str | Path, *, figures: bool = True) -> Pa
         if study.sweep is not None:
             (scratch / "sweep.csv").write_text(sweep_csv(study.sweep), encoding="utf-8")
         (scratch / "study.txt").write_text(as_text(lambda out: print_study(study, out, HERE)), encoding="utf-8")
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.studies.figures import draw_study
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.studies.figures import study_figures
 
-            draw_study(study, scratch)
+            drawn = drawn_for_page(study_figures(study), scratch, figures)
+        write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
     return Path(folder)
 

@@ -91,7 +91,7 @@ def _print_method(study: Study, method: MethodResult, out: Console) -> None:
     estimate = method.result.estimate
     title = f"{method.estimation.label}: {estimate.outcome.value}"
     title += f"; {estimate.message}" if estimate.message else ""
-    rows = _with_display(study, method.rows)
+    rows = with_display(study, method.rows)
     columns = [
         Column("parameter", [row.name for row in rows], left=True),
         Column("unit", [unit_cell(row.unit) for row in rows], left=True),
@@ -148,7 +148,7 @@ def _of(each: Scatter, name: str, values: np.ndarray, digits: str) -> str:
     return format(value, digits) if math.isfinite(value) else "-"
 
 
-def _with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
+def with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
     """Rows, and again in another unit those that the scenario wants shown so."""
     from scenarios.studies.comparison import in_unit
 

@@ -9,6 +9,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from scenarios.terminal.listening import heard_of
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -39,7 +41,7 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``, with dots for what has no room: whole clauses if they fill most of it, else whole words."""
+    """One line of ``width`` characters behind ``label``: whole clauses that fill three quarters of the room, else whole words; dots for the rest."""
     limit = max(width - len(label), 1)
     clause = text.rfind("; ", 0, limit - 3)
     if len(text) > limit and clause > 0.75 * limit:
@@ -60,5 +62,8 @@ def print_lines(out: Console, lines: Sequence[str]) -> None:
 
 def print_paragraph(out: Console, text: str, indent: int = 2) -> None:
     """Print a text folded at words, within the console and ``TEXT_WIDTH``, moved in by ``indent`` columns."""
+    if (heard := heard_of(out)) is not None:
+        heard.append(text)
+        return
     margin = " " * indent
     print_lines(out, folded(text, min(out.width - 1, TEXT_WIDTH), margin, margin))

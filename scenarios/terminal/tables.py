@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from scenarios.terminal.listening import Told, heard_of
 from scenarios.terminal.paragraphs import WIDTH, folded, print_lines, wrapped
 
 if TYPE_CHECKING:
@@ -56,6 +57,10 @@ def table_lines(columns: Sequence[Column], *, title: str = "", width: int = WIDT
 
 def print_table(out: Console, title: str, columns: Sequence[Column], keys: int = 1) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
+    if (heard := heard_of(out)) is not None:
+        if columns and columns[0].cells:
+            heard.append(Told(title, tuple((column.heading, tuple(column.cells)) for column in columns)))
+        return
     lines = table_lines(columns, width=out.width, keys=keys)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)

@@ -14,17 +14,19 @@ from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.identification.result import Identification
+from scenarios.pages.folder import CONTENT, PAGE, write_page
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
 from scenarios.watching.estimates import SoFar, nearest, plain_so_far
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference
+from scenarios.watching.report import watch_page
 from scenarios.watching.session import Session
 from scenarios.watching.table import CrossValidation
 from sim.errors import DeclarationError
 from sim.record import Record
 
-FILES = ("comparison.json", NAME, "record.csv", "record.json")
+FILES = ("comparison.json", NAME, "record.csv", "record.json", CONTENT, PAGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,7 @@ def write_watch(out: Path, session: Session, reference: Reference | None, end: O
         (scratch / NAME).write_text(history.finish(), encoding="ascii")
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
+        write_page(scratch, watch_page(content, name, digest))
         write_json(scratch / "comparison.json", {**content, "inputs": {"records": [name], "sha256": [digest]}})
 
 

@@ -11,10 +11,14 @@ import numpy as np
 
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json, write_record
+from scenarios.pages.folder import write_page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.terminal.numbers import as_text
 from scenarios.terminal.summary import HERE
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.printing import print_loop
+from scenarios.x29.report.page import loop_page
 from scenarios.x29.study import LoopStudy
 from sim.closed_loop.airframe import X29
 from sim.record import Record
@@ -22,23 +26,26 @@ from sim.record import Record
 MAIN = "comparison.json"
 
 
-def write_loop(study: LoopStudy, folder: str | Path, *, figures: bool = True) -> Path:
+def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a study into ``folder``, whole or not at all; returns the folder.
 
     Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the terminal shows), ``history.csv`` of the
-    filter at the refined delay, ``simulation.csv`` (measured and freely simulated outputs in the window), figures, ``comparison.json``
+    filter at the refined delay, ``simulation.csv`` (measured and freely simulated outputs in the window), figures, the page, ``comparison.json``
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record)
+        write_record(scratch, study.result.flown.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         (scratch / "study.txt").write_text(as_text(lambda out: print_loop(study, out, HERE)), encoding="utf-8")
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.x29.figures import draw_loop
+            from scenarios.plots.page.drawing import drawn_for_page
+            from scenarios.x29.figures import loop_figures
 
-            draw_loop(study, scratch)
+            drawn = drawn_for_page(loop_figures(study), scratch, figures)
+        write_page(scratch, loop_page(study, drawn))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
 

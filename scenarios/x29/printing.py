@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +47,7 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
     out.print(f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}", highlight=False)
     _estimate(study, out)
     print_choices(out, choice_lines(scenario.choices))
-    for table in (_states, _correlation, _qualities, _check, print_paper, _differences, _together, _passes, _variants):
+    for table in list(TABLES.values())[1:]:
         table(study, out)
     out.print()
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
@@ -242,3 +242,18 @@ def _variants(study: LoopStudy, out: Console) -> None:
 
 def _cells(values: Sequence[float]) -> list[str]:
     return [f"{value:.2f}" for value in values]
+
+
+# What is printed, by the heading under which it stands on a page, the estimate first.
+TABLES: Mapping[str, Callable[[LoopStudy, Console], None]] = {
+    "Estimate": _estimate,
+    "States of the filter": _states,
+    "Correlation": _correlation,
+    "Flying qualities": _qualities,
+    "Check by frequency response": _check,
+    "The paper's numbers": print_paper,
+    "Against the other study": _differences,
+    "Side by side": _together,
+    "Started again": _passes,
+    "With changes": _variants,
+}

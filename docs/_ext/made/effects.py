@@ -69,7 +69,7 @@ def family_part(name: str, instances: list[Effect]) -> list[str]:
 
 def parameters_table(instances: list[Effect]) -> str:
     """Parameters of all instances of a family, each name once."""
-    rows = {}
+    rows: dict[str, list[str]] = {}
     for effect in instances:
         plausible = getattr(getattr(effect, "traits", None), "plausible", {})
         for item in effect.parameters:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from docs._ext.made.markdown import cell, code, plain_block, table
@@ -13,6 +15,26 @@ if TYPE_CHECKING:
     from sim.declaration.model import Equations
 
 Families = Mapping[str, tuple["Equations", Mapping[str, str], Mapping[str, str]]]
+
+
+# Parts of the nomenclature that hold the equations of each model.
+EQUATIONS = {
+    "rigid": "Rigid aircraft",
+    "loes": "Low-order equivalent system",
+    "ballistic": "Falling body",
+    "lateral": "Lateral motion",
+    "longitudinal": "Longitudinal motion with airspeed",
+    "flexible": "Flexible aircraft",
+}
+NOMENCLATURE = Path(__file__).parents[2] / "nomenclature.md"
+
+
+def equations_of(model: str) -> str:
+    """The displayed equations under a model's heading in the nomenclature; empty for a model that it does not have."""
+    if model not in EQUATIONS:
+        return ""
+    part = NOMENCLATURE.read_text(encoding="utf-8").split(f"\n## {EQUATIONS[model]}\n")[1].split("\n## ")[0]
+    return "\n\n".join(re.findall(r"^\$\$.+?\$\$", part, re.MULTILINE | re.DOTALL)) + "\n"
 
 
 def families() -> Families:
@@ -33,7 +55,7 @@ def models_page() -> str:
         "`elastic-mode` of a declared mode. Symbols and signs: [nomenclature](../nomenclature.md). One of your own: [how](../own-models.md).\n",
     ]
     for name, (equations, constants, derivatives) in families().items():
-        parts += [f"## {name}\n", plain_block(sys.modules[type(equations).__module__].__doc__ or "")]
+        parts += [f"## {name}\n", equations_of(name), plain_block(sys.modules[type(equations).__module__].__doc__ or "")]
         for title, signals in (
             ("states", equations.states),
             ("inputs", equations.inputs),
@@ -48,6 +70,7 @@ def models_page() -> str:
             names = dict.fromkeys(effect.name for effect in effects if effect.station is station)
             rows.append([station.value, ", ".join(map(code, names))])
         parts.append(table(["station", "effects that may act on it"], (row for row in rows if row[1])))
+    parts += ["## flexible\n", "The rigid aircraft with elastic modes that load it and that it loads.\n", equations_of("flexible")]
     return "\n".join(parts)
 
 

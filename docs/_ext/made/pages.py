@@ -44,9 +44,9 @@ def page_names(root: Path) -> dict[str, str]:
     found |= {path: f"made/{page}" for path, page in copied(root)}
     found["labs"] = "made/labs/README"
     for folder in packages(root):
-        page, path = f"made/{page_of(folder, root)}", folder.relative_to(root).as_posix()
-        found |= {path: page, f"{path}/README.md": page}
-        found |= {f"{path}/{module.name}": f"{page}#{module.name.replace('.', '')}" for module in modules_of(folder)}
+        page, place = f"made/{page_of(folder, root)}", folder.relative_to(root).as_posix()
+        found |= {place: page, f"{place}/README.md": page}
+        found |= {f"{place}/{module.name}": f"{page}#{module.name.replace('.', '')}" for module in modules_of(folder)}
     return found
 
 

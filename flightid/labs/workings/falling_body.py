@@ -9,7 +9,7 @@ import numpy as np
 from flightid.labs.workings.trying import ALONE, repeated, row_of, tried
 
 if TYPE_CHECKING:
-    from ident.filters.history import FilterHistory
+    from ident.estimate import FilterHistory
     from scenarios.studies.campaign import Campaign
     from scenarios.studies.study import Study
 

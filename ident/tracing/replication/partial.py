@@ -171,7 +171,9 @@ def _candidate(item: CrossValidation, *, chosen: bool) -> Candidate:
     found = most_telling(item.fitted, item.effect)
     believed = not implausible(item.effect, found, slack=0.0)
     why = "cross-validated, but another does better" if item.stands and not chosen else item.why
-    return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, item.reduction.share - 1.0, (), why)
+    left = item.reduction.share
+    scatter = left * item.reduction.scatter
+    return Candidate(len(names), names[:-1], names[-1], item.gain, p_value, True, believed, found, left - 1.0, (), why, scatter)
 
 
 def _sentence(item: CrossValidatedEffect) -> str:

@@ -26,6 +26,7 @@ from ident.tracing.candidate_model.fitted_model import (
 from ident.tracing.diagnosis import Candidate, Trained
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
+from ident.tracing.validation.scatter_of_change import scatter_of_change
 from ident.tracing.validation.training_knowledge import prior_where_both_meet, training_prior
 from ident.tracing.validation.whiteness import whiteness
 from ident.whole_record.fit_problem import FitProblem
@@ -125,14 +126,13 @@ def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozense
     """
     most = max((candidate.gain for candidate in evidence if candidate.fitted), default=0.0)
     before = held.declared.frozen
-    done: dict[frozenset[str], float | None] = {frozenset(): 0.0}
+    done: dict[frozenset[str], Fit | None] = {frozenset(): before}
 
-    def level(names: frozenset[str]) -> float | None:
+    def fit_of(names: frozenset[str]) -> Fit | None:
         if names not in done:
             fitted = models.get(names)
-            usable = fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
-            fit = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
-            done[names] = None if fit is None or before is None else (fit.cost - before.cost) / float(fit.counts.sum())
+            usable = before is not None and fitted is not None and not any(belongs_to_record(effect) for effect in fitted.effects)
+            done[names] = predicted_by(fitted, held, informed=False).frozen if usable and fitted is not None else None
         return done[names]
 
     out = []
@@ -141,10 +141,14 @@ def with_held_out_change(evidence: Sequence[Candidate], models: Mapping[frozense
             out.append(candidate)
             continue
         names = frozenset(candidate.within)
-        after = level(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
-        base = level(names) if after is not None else None
-        change = None if after is None or base is None else float(np.exp(np.clip(after - base, -50.0, 50.0)) - 1.0)
-        out.append(replace(candidate, held_out_change=change))
+        after = fit_of(names | {candidate.name}) if candidate.fitted and candidate.gain > thresholds.LITTLE * most else None
+        base = fit_of(names) if after is not None else None
+        if before is None or after is None or base is None:
+            out.append(candidate)
+            continue
+        level, start = ((fit.cost - before.cost) / float(fit.counts.sum()) for fit in (after, base))
+        left = float(np.exp(np.clip(level - start, -50.0, 50.0)))
+        out.append(replace(candidate, held_out_change=left - 1.0, held_out_scatter=left * scatter_of_change(base, after)))
     return out
 
 

@@ -127,7 +127,8 @@ def _of_response(response: control.TimeResponseData) -> tuple[Mapping[str, Any],
 
 
 def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], Told]:
-    variables = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars) if dataset[name].ndim == 1}
+    along = dataset[TIME].dims if TIME in dataset.variables else None
+    variables = {str(name): dataset[name] for name in (*dataset.coords, *dataset.data_vars) if dataset[name].dims == along or along is None}
     told = _of_attributes(dataset.attrs)
     units = {name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs}
     columns = {name: each.to_numpy() for name, each in variables.items()}

@@ -131,7 +131,7 @@ def _plain(values: Any) -> np.ndarray:
     """A NumPy array; of a pandas column with NaN where a number is missing, and without its time zone."""
     dtype = getattr(values, "dtype", None)
     if getattr(dtype, "tz", None) is not None:
-        values = (values.dt if hasattr(values, "dt") else values).tz_localize(None)
+        values = (values.dt if hasattr(values, "dt") else values).tz_convert(None)  # to UTC: a clock may be put forward
     if not isinstance(dtype, np.dtype | None) and hasattr(values, "to_numpy"):
         import pandas
 

@@ -6,30 +6,25 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.records.channels import INPUTS, Column, columns_of, refuse_units
+from scenarios.api.records.channels import INPUTS, Column, columns_of
 from scenarios.api.records.in_memory import columns_of_record, file_of_columns
+from scenarios.api.records.opening import Choices, Units, opened_source
 from scenarios.api.shown import html
 from scenarios.files.channel_names import TIME
-from scenarios.files.channels import ColumnChoice, read_channel_map
-from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.files.measured.record_file import RecordFile
 from scenarios.files.records import column_of, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
-from sim.record import Hold
 
 if TYPE_CHECKING:
     import control
     import pandas
     import xarray
     from matplotlib.figure import Figure
-
-Units = Mapping[str, str]
-Choices = Mapping[str, str | tuple[str, str] | Mapping[str, str]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -175,7 +170,7 @@ def read_record(
     source: str | PathLike[str] | Mapping[str, Any] | Any,
     *,
     units: Units | None = None,
-    channels: Choices | str | PathLike[str] | None = None,
+    channels: Choices | None = None,
     inputs: Iterable[str] | None = None,
     hold: str | None = None,
     name: str | None = None,
@@ -196,49 +191,14 @@ def read_record(
     ------
     InputError : it is no record, has no time, or what is said of it does not fit, in one line.
     """
-    from scenarios.api.records.conversion import unpacked
-
     if isinstance(source, Record):
         return source
-    content, told = unpacked(source)
-    known = {**told.units, **(units or {})}
-    held = Hold(told.hold) if hold is None and told.hold is not None else _hold_of(hold)
-    if isinstance(content, Path):
-        file = read_record_file(content)
-        sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
-        file = replace(file, sidecar=sidecar if held is None else replace(sidecar, hold=held, says_hold=True))
-    else:
-        file = file_of_columns(content, name or told.name, known, held)
-    file = replace(file, choices=_choices(channels, units or {}))
-    refuse_units(units or {}, file)
+    file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
     column_of(file, TIME)
-    return Record(file, tuple(inputs) if inputs is not None else told.inputs)
+    return Record(file, tuple(inputs) if inputs is not None else told)
 
 
 def record_of(record: sim_record.Record) -> Record:
     """A record of the library as one of users, in SI."""
     columns, units = columns_of_record(record)
     return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)
-
-
-def _hold_of(word: str | None) -> Hold | None:
-    from scenarios.preparation.plan import plan_of
-
-    return plan_of(hold=word).hold
-
-
-def _choices(channels: Any, units: Units) -> dict[str, ColumnChoice]:
-    """The channel map, with units that were told of columns and not of channels."""
-    if channels is None:
-        return {}
-    if not isinstance(channels, Mapping):
-        return read_channel_map(Path(channels))
-    return read_channel_map({key: _entry(value, units) for key, value in channels.items()}, channels)
-
-
-def _entry(value: Any, units: Units) -> Any:
-    if isinstance(value, str):
-        return {"column": value, **({"unit": units[value]} if value in units else {})}
-    if isinstance(value, tuple | list) and len(value) == 2:
-        return {"column": value[0], "unit": value[1]}
-    return value

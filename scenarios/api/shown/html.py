@@ -23,7 +23,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1)
     sides = ["left" if i < left else "right" for i in range(len(headings))]
 
     def line(cells: Sequence[str], tag: str) -> str:
-        told = (f'<{tag} style="text-align:{side}">{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True))
+        told = (f'<{tag} style="text-align:{side};padding:0 0.6em">{escape(cell)}</{tag}>' for cell, side in zip(cells, sides, strict=True))
         return f"<tr>{''.join(told)}</tr>"
 
     return f"<table><thead>{line(headings, 'th')}</thead><tbody>{''.join(line(row, 'td') for row in rows)}</tbody></table>"

@@ -84,13 +84,14 @@ class Parameters(Mapping[str, Parameter]):
 
     def html_table(self) -> str:
         """The HTML table alone."""
-        return html.table(HEADINGS, [_row(item) for item in self._items.values()], left=2)
+        return html.table(HEADINGS, [row_of(item) for item in self._items.values()], left=2)
 
     def _repr_html_(self) -> str:
         return html.page("parameters", self.html_table())
 
 
-def _row(item: Parameter) -> tuple[str, str, str, str]:
+def row_of(item: Parameter) -> tuple[str, str, str, str]:
+    """Name, unit, value and sigma with the digits that the sigma makes sensible."""
     unit = item.unit if item.unit != "1" else ""
     if not item.determined:
         return item.name, unit, "not determined", "-"

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from scenarios.cli.completion import LOOP_CAMPAIGNS, campaigns
-from scenarios.cli.options import AsJson, Changes, Duration, Inputs, Noise, Out, OwnModel, Quiet, SampleRate, Seed, TrueValues
+from scenarios.cli.options import AsJson, Changes, Duration, Figures, Inputs, NoFigures, Noise, Out, OwnModel, Quiet, SampleRate, Seed, TrueValues
+from scenarios.plots.formats import formats_of
 
 
 def campaign(
@@ -28,18 +29,20 @@ def campaign(
     duration: Duration = None,
     rate: SampleRate = None,
     method: Annotated[str | None, typer.Option("--method", metavar="NAME", help="One of the scenario's further methods; else its main one.")] = None,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Monte Carlo: bias, scatter against reported sigma, coverage."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.arguments import scenario_or_own
     from scenarios.commands.campaign import own_campaign, refuse_method, run_campaign
-    from scenarios.commands.telling import telling
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, None, duration, rate)
-    with telling(out, False, quiet=quiet, as_json=as_json, documents=["campaign.json"]) as told:
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["campaign.json"]) as told:
         if isinstance(what, str):
-            run_campaign(what, runs, seed, told.out, changes or [], method, progress=told.progress)
+            run_campaign(what, runs, seed, told.out, changes or [], method, told.figures, progress=told.progress)
         else:
             refuse_method(method)
-            own_campaign(what, runs, seed, told.out, changes or [], progress=told.progress)
+            own_campaign(what, runs, seed, told.out, changes or [], told.figures, progress=told.progress)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from scenarios.cli.options import AsJson, Channels, Figures, From, Held, Lowpass, Out, Quiet, Rate, Records, To, Trust, VehicleBeside
+from scenarios.cli.options import AsJson, Channels, Figures, From, Held, Lowpass, NoFigures, Out, Quiet, Rate, Records, To, Trust, VehicleBeside
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -18,14 +19,15 @@ def check(
     lowpass: Lowpass = None,
     trust: Trust = False,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Data compatibility: what the kinematics alone say of the sensors."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.check import check_records
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
-    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["compatibility.json"]) as told:
         check_records(Request(tuple(records), vehicle=vehicle, channels=channels, plan=plan), told.out, told.figures)

@@ -18,6 +18,7 @@ from scenarios.cli.options import (
     Held,
     Lowpass,
     Model,
+    NoFigures,
     Out,
     Quiet,
     Rate,
@@ -26,6 +27,7 @@ from scenarios.cli.options import (
     Trust,
     VehicleBeside,
 )
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -52,15 +54,16 @@ def diagnose(
     aircraft_class: Class = None,
     category: Category = None,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Trace what the model lacks: fit, find the residual's cause, add it, refit, compare before and after."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.diagnose import diagnose_records
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(tuple(records), model, vehicle, tuple(validate or ()), effects, channels, plan, effort, aircraft_class, category)
-    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["diagnosis.json"]) as told:
         diagnose_records(request, told.out, told.figures, progress=told.progress)

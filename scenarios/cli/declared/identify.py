@@ -18,6 +18,7 @@ from scenarios.cli.options import (
     Held,
     Lowpass,
     Model,
+    NoFigures,
     Out,
     Quiet,
     Rate,
@@ -26,6 +27,7 @@ from scenarios.cli.options import (
     Trust,
     VehicleBeside,
 )
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 from scenarios.preparation.request import Request
 
@@ -60,17 +62,18 @@ def identify(
         Path | None, typer.Option("--state-space", metavar="FILE", help="Write A, B, C, D about trim with names: .json, .mat or .npz.")
     ] = None,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Parameters of a model from measured records."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.identify import identify_records, options_of
-    from scenarios.commands.telling import telling
 
     plan = plan_of(start, stop, hold, rate, lowpass, trusted=trust)
     request = Request(
         tuple(records), model, vehicle, tuple(validate or ()), channels=channels, plan=plan, aircraft_class=aircraft_class, flight_phase=category
     )
-    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
         identify_records(request, method, told.out, told.figures, options_of(profile, band, engine), matrices)

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from scenarios.cli.options import AsJson, Channels, Figures, From, Out, Quiet, To, Trust
+from scenarios.cli.options import AsJson, Channels, Figures, From, NoFigures, Out, Quiet, To, Trust
+from scenarios.plots.formats import formats_of
 from scenarios.preparation.plan import plan_of
 
 
@@ -21,16 +22,17 @@ def predict(
     model: Annotated[Path | None, typer.Option("--model", metavar="FILE.py", help="The study's own model, which is run.")] = None,
     effects: Annotated[Path | None, typer.Option("--effects", metavar="FILE", help="The study's own effects, which are run.")] = None,
     out: Out = None,
-    figures: Figures = True,
+    figures: Figures = None,
+    no_figures: NoFigures = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """The model of a study on another record: initial states and biases alone are fitted."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.arguments import one_segment
     from scenarios.commands.predict import predict_with_study
-    from scenarios.commands.telling import telling
     from scenarios.prediction.predict import Asked
 
     plan = one_segment(plan_of(start, stop, trusted=trust))
-    with telling(out, figures, quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
+    with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=["prediction.json"]) as told:
         predict_with_study(Asked(study, record, channels, plan, model, effects), told.out, told.figures)

@@ -28,13 +28,13 @@ def simulate(
     as_json: Annotated[bool, typer.Option("--json", help="Print the names of the files as JSON, and nothing else.")] = False,
 ) -> None:
     """The record of a scenario alone, or of a flight of a model of your own."""
+    from scenarios.cli.telling import telling
     from scenarios.commands.arguments import scenario_or_own
     from scenarios.commands.run import files_text
     from scenarios.commands.run import simulate as simulate_what
-    from scenarios.commands.telling import telling
 
     what = scenario_or_own(name, model, vehicle, inputs, noise, hidden, duration, rate)
-    with telling(None, False, quiet=quiet or as_json, as_json=False):
+    with telling(None, (), quiet=quiet or as_json, as_json=False):
         files = simulate_what(what, out, seed, changes or [])
     if as_json:
         print(files_text(files))

@@ -31,8 +31,8 @@ def watch(
     as_json: AsJson = False,
 ) -> None:
     """Identification of a stream: rows as they arrive, estimates against a reference."""
-    from scenarios.commands.telling import telling
+    from scenarios.cli.telling import telling
     from scenarios.commands.watch import watch_stream
 
-    with telling(out, False, quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
+    with telling(out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]) as told:
         watch_stream(record, model, vehicle, reference, channels, told.out, idle, until_end, refine, page, port)

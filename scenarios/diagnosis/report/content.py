@@ -164,6 +164,7 @@ def _candidate(c: Candidate) -> dict[str, Any]:
         "collinear_with": list(c.collinear_with),
     }
     out |= {"held_out_change": bounded(c.held_out_change)} if c.held_out_change is not None else {}
+    out |= {"held_out_scatter": bounded(c.held_out_scatter)} if c.held_out_scatter is not None else {}
     return out | ({"remark": c.remark} if c.remark else {})
 
 

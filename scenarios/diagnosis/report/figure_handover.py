@@ -5,17 +5,20 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
-from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.tracing.pictured import Pictured, Replicated
+from scenarios.plots.tracing.reasons import Standing
 from sim.record import Channel, Hold, Record
 
 
-def packed(pictured: Pictured, folder: Path) -> bytes:
+def packed(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> bytes:
     """Everything the figures need as one line of JSON, in which arrays are numbers, and the arrays behind it."""
     arrays: list[np.ndarray] = []
 
@@ -31,13 +34,15 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
 
     head = {
         "folder": str(folder),
+        "formats": formats,
         "fitted": [[record(f.record), f.channels, kept(f.before), kept(f.after), kept(f.used)] for f in pictured.fitted],
         "predictions": [[record(p.record), p.channels, kept(p.before), kept(p.after)] for p in pictured.predictions],
-        "candidates": [[c.round, c.within, c.name, c.gain, c.p_value, c.fitted, c.plausible] for c in pictured.candidates],
+        "candidates": [_candidate(c) for c in pictured.candidates],
         "before": _quantities(pictured.before),
         "after": _quantities(pictured.after),
         "noise": dict(pictured.noise),
-        "claimed": pictured.claimed,
+        "standing": asdict(pictured.standing),
+        "data": pictured.data,
         "kind": pictured.kind,
         "replicated": [[r.name, r.records, [_quantities(each) for each in r.by_record], _quantities(r.together)] for r in pictured.replicated],
     }
@@ -48,7 +53,7 @@ def packed(pictured: Pictured, folder: Path) -> bytes:
     return stream.getvalue()
 
 
-def unpacked(content: bytes) -> tuple[Pictured, Path]:
+def unpacked(content: bytes) -> tuple[Pictured, Path, Formats]:
     """What ``packed`` was given."""
     stream = io.BytesIO(content)
     head = json.loads(stream.readline())
@@ -65,18 +70,34 @@ def unpacked(content: bytes) -> tuple[Pictured, Path]:
     pictured = Pictured(
         tuple(FittedRecord(record(r), tuple(names), arrays[b], arrays[a], arrays[u]) for r, names, b, a, u in head["fitted"]),
         tuple(Prediction(record(r), tuple(names), arrays[b], arrays[a]) for r, names, b, a in head["predictions"]),
-        tuple(Candidate(n, tuple(within), name, gain, p, fit, fair, {}) for n, within, name, gain, p, fit, fair in head["candidates"]),
+        tuple(_read_candidate(some) for some in head["candidates"]),
         _read_quantities(head["before"]),
         _read_quantities(head["after"]),
         head["noise"],
-        tuple(head["claimed"]),
+        _read_standing(head["standing"]),
         head["kind"],
         tuple(
             Replicated(name, tuple(records), tuple(_read_quantities(each) for each in by_record), _read_quantities(together))
             for name, records, by_record, together in head["replicated"]
         ),
+        head["data"],
     )
-    return pictured, Path(head["folder"])
+    return pictured, Path(head["folder"]), tuple(head["formats"])
+
+
+def _candidate(c: Candidate) -> list[Any]:
+    told = [c.held_out_change, list(c.collinear_with), c.remark, c.held_out_scatter]
+    return [c.round, list(c.within), c.name, c.gain, c.p_value, c.fitted, c.plausible, *told]
+
+
+def _read_candidate(some: list[Any]) -> Candidate:
+    number, within, name, gain, p_value, fitted, plausible, change, like, remark, scatter = some
+    return Candidate(number, tuple(within), name, gain, p_value, fitted, plausible, {}, change, tuple(like), remark, scatter)
+
+
+def _read_standing(some: Mapping[str, Any]) -> Standing:
+    alternatives = {name: tuple(names) for name, names in some["alternatives"].items()}
+    return Standing(tuple(some["claimed"]), alternatives, tuple(some["hints"]), some["noise_left"])
 
 
 def _quantities(some: Mapping[str, Quantity]) -> dict[str, list[Any]]:

@@ -1,6 +1,6 @@
 """Figures drawn by a second process, which loads the plotting library while the search still runs.
 
-Loading it takes as long as many a diagnosis. It is started before this process has loaded NumPy, and answers with PNG files.
+Loading it takes as long as many a diagnosis. It is started before this process has loaded NumPy, and answers with files.
 """
 
 from __future__ import annotations
@@ -15,8 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenarios.plots.formats import USUAL, Formats
+
 if TYPE_CHECKING:
-    from scenarios.plots.pictured import Pictured
+    from scenarios.plots.tracing.pictured import Pictured
 
 Process = subprocess.Popen[bytes]
 
@@ -44,15 +46,15 @@ def figure_process(wanted: bool) -> Iterator[Process | None]:
 
 
 @contextmanager
-def drawing(pictured: Pictured, folder: Path, process: Process | None) -> Iterator[None]:
+def drawing(pictured: Pictured, folder: Path, process: Process | None, formats: Formats = USUAL) -> Iterator[None]:
     """While the body runs, the process draws all figures into ``folder``; on leaving they are there, drawn here if it failed."""
     from scenarios.diagnosis.report.figure_handover import packed
     from scenarios.diagnosis.report.figures import draw_diagnosis
 
-    sent = process is not None and process.poll() is None and _sent(process, packed(pictured, folder))
+    sent = process is not None and process.poll() is None and _sent(process, packed(pictured, folder, formats))
     yield
     if not sent or process is None or process.wait() != 0:
-        draw_diagnosis(pictured, folder)
+        draw_diagnosis(pictured, folder, formats)
 
 
 def _sent(process: Process, content: bytes) -> bool:
@@ -70,8 +72,8 @@ def main() -> None:
     gc.disable()  # and at the end ``freeze``: in a process of a second a search for garbage takes a tenth of it
     from ident.tracing.diagnosis import Quantity
     from scenarios.diagnosis.report.figure_handover import unpacked
-    from scenarios.plots.diagnosis import figure_derivatives
     from scenarios.plots.files import figure_png
+    from scenarios.plots.tracing.derivatives import figure_derivatives
 
     one = {name: Quantity(1.0, 0.1, "1") for name in ("Cm_alpha", "CL_q", "alpha", "nz")}
     figure_png(figure_derivatives(one, one, "warm-up"))  # fonts, symbols and backend are loaded by the first figure
@@ -81,24 +83,24 @@ def main() -> None:
     gc.freeze()
 
 
-def draw_together(pictured: Pictured, folder: Path) -> None:
+def draw_together(pictured: Pictured, folder: Path, formats: Formats = USUAL) -> None:
     """Draw all figures, every other one by a fork where there is such a thing: the process that waits for them leaves a core idle."""
     from scenarios.diagnosis.report.figures import draw_diagnosis
 
     if not hasattr(os, "fork"):
-        draw_diagnosis(pictured, folder)
+        draw_diagnosis(pictured, folder, formats)
         return
     helper = os.fork()
     if helper == 0:
         failed = 1
         try:
-            draw_diagnosis(pictured, folder, slice(1, None, 2))
+            draw_diagnosis(pictured, folder, formats, slice(1, None, 2))
             failed = 0
         finally:
             os._exit(failed)
-    draw_diagnosis(pictured, folder, slice(0, None, 2))
+    draw_diagnosis(pictured, folder, formats, slice(0, None, 2))
     if os.waitpid(helper, 0)[1] != 0:
-        draw_diagnosis(pictured, folder, slice(1, None, 2))
+        draw_diagnosis(pictured, folder, formats, slice(1, None, 2))
 
 
 if __name__ == "__main__":

@@ -4,50 +4,70 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity
+from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
 from scenarios.diagnosis.keeping import kept_diagnosis
 from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
-from scenarios.diagnosis.report.declared_only import as_declared
+from scenarios.diagnosis.report.declared_only import as_declared, nothing_stands
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
-from scenarios.diagnosis.report.figures import numbered
+from scenarios.diagnosis.report.figures import captioned, numbered
 from scenarios.diagnosis.report.text import kind_of_predicted
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.folders import study_folder
 from scenarios.files.writing import write_json
 from scenarios.kept.kept_model import write_kept
-from scenarios.plots.pictured import Pictured, Replicated
+from scenarios.pages.folder import write_page
+from scenarios.pages.model import Page
+from scenarios.pages.rendering import warm_up
+from scenarios.pages.reproduction import now
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import gathered
+from scenarios.plots.tracing.pictured import Pictured, Replicated
+from scenarios.plots.tracing.reasons import Standing
 from scenarios.terminal.quantities import UNDETERMINED, determined
 
 MAIN = "diagnosis.json"
 
 
-def write_diagnosis(tracing: Tracing, folder: str | Path, *, figures: bool = True, process: Process | None = None) -> Path:
+def _as_it_is(page: Page) -> Page:
+    return page
+
+
+def write_diagnosis(
+    tracing: Tracing,
+    folder: str | Path,
+    *,
+    figures: Formats = USUAL,
+    process: Process | None = None,
+    dressed: Callable[[Page], Page] = _as_it_is,
+) -> Path:
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, figures as PNG, ``report.html``, ``diagnosis.json`` last. ``process`` draws the figures if it can.
+    ``evidence.csv``, figures in the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
+    ``process`` draws the figures if it can; ``dressed`` adds to the page what else is known.
     """
-    from scenarios.diagnosis.report.page import diagnosis_page, report_template
+    from scenarios.diagnosis.report.page import diagnosis_page
 
-    d = tracing.diagnosis
+    d, created = tracing.diagnosis, now()
     with study_folder(folder, MAIN) as scratch:
-        with drawing(pictured(tracing), scratch, process) if figures else nullcontext():
+        with drawing(pictured(tracing), scratch, process, figures) if figures else nullcontext():
             for number, prediction in enumerate(d.predictions):
                 write_prediction(scratch / f"{numbered('validate_prediction', number)}.csv", prediction)
             for number, fitted in enumerate(d.fitted):
                 write_residuals(scratch / f"{numbered('residuals', number)}.csv", fitted)
             write_evidence(scratch / "evidence.csv", d.candidates)
-            content = diagnosis_content(tracing, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
-            template = report_template()
-        (scratch / "report.html").write_text(diagnosis_page(tracing, content["warnings"], scratch, template), encoding="utf-8")
+            content = diagnosis_content(tracing, created)
+            warm_up()
+        drawn = captioned(gathered(scratch), declared=nothing_stands(d))
+        write_page(scratch, dressed(diagnosis_page(tracing, content["warnings"], drawn, created)))
         kept = kept_diagnosis(tracing)
         if kept is not None:
             write_kept(scratch, kept)
@@ -59,8 +79,15 @@ def pictured(tracing: Tracing) -> Pictured:
     """The part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(Prediction(p.record, p.channels, _bounded(p.before), _bounded(p.after)) for p in d.predictions)
-    claimed = tuple(claim.name for claim in d.effects if claim.claimed)
-    return Pictured(d.fitted, predictions, d.candidates, d.before, d.after, d.noise_floor, claimed, kind_of_predicted(d), _replicated(tracing))
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = Standing(
+        tuple(claim.name for claim in claimed),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
+    )
+    shown = predictions, d.candidates, d.before, d.after, d.noise_floor, standing, kind_of_predicted(d), _replicated(tracing)
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
 
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:

@@ -1,11 +1,8 @@
-"""The page of a diagnosis: verdict, effects, errors, derivatives, figures, evidence; whole in one file."""
+"""The page of a diagnosis: verdict, effects, errors, derivatives, figures, evidence."""
 
 from __future__ import annotations
 
-import base64
-from importlib.resources import files
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
@@ -14,18 +11,21 @@ from scenarios.diagnosis.report import text
 from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
-from scenarios.diagnosis.report.figures import CAPTIONS, figure_stems
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import channel_units
-from scenarios.preparation.record_words import record_rows
+from scenarios.pages.folder import figures
+from scenarios.pages.model import Block, Bullets, Column, Figure, Fold, Page, Prose, Section, Table, section
+from scenarios.pages.numbers import PURE
+from scenarios.pages.printed import rows_table
+from scenarios.pages.reproduction import reproduction
+from scenarios.pages.tables import p_value
+from scenarios.plots.page.named import Drawn
+from scenarios.preparation.record_words import record_table
 from sim.declaration.traits import GUARD
-
-if TYPE_CHECKING:
-    from jinja2 import Template
 
 TONES = {
     Verdict.CONSISTENT: "good",
@@ -34,68 +34,126 @@ TONES = {
     Verdict.AMBIGUOUS: "fair",
     Verdict.UNEXPLAINED: "open",
 }
+PRINTED = 10  # candidates that stand on paper
+CANDIDATES = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
+CANDIDATES_NOTE = (
+    "Gain of the log likelihood; p of one candidate taken by itself; change of the error on data not fitted. Where a candidate was screened "
+    "only, gain and parameters are those of its linearised signature. The largest gain does not decide: an effect has to help on data that were "
+    "not fitted as well."
+)
+GUARD_NOTE = "A name that begins with guard: is a term that no effect of the library has; it competes, and where it wins nothing is claimed."
 
 
-def report_template() -> Template:
-    """The page's template; every text that goes into it is escaped."""
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["signs"] = lambda words: words.replace("+-", "±").replace("->", "→")
-    return environment.from_string(_resource("diagnosis.html"))
-
-
-def diagnosis_page(tracing: Tracing, warnings: list[str], figures: Path, template: Template | None = None) -> str:
-    """The page as HTML; the PNG files of our figures in the folder ``figures`` are put into it."""
-    from markupsafe import Markup
-
+def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = "") -> Page:
+    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its section."""
     d = tracing.diagnosis
-    page = template or report_template()
-    return page.render(
-        style=Markup(_resource("report.css")),
-        title=f"{tracing.vehicle.name}: {d.verdict.value}",
-        tone=TONES[d.verdict],
+    pictures = {each.name: each for each in figures(drawn)}
+    replication = pictures.pop("figure-replication", None)
+    further = Bullets(tuple(warning for warning in warnings if warning not in tracing.doubts))
+    return Page(
+        title=tracing.vehicle.name,
+        kind=text.subject(tracing),
         verdict=d.verdict.value,
-        verdict_sentence=d.verdict.sentence,
-        subject=text.subject(tracing),
-        headline=_capital(text.headline(tracing)),
-        effects=[_effect(claim, tracing) for claim in d.effects],
-        advice=text.verdict_advice(tracing),
-        doubts=tracing.doubts,
-        warnings=[warning for warning in warnings if warning not in tracing.doubts],
-        notes=(*tracing.notes, effort_sentence(tracing.effort, tracing.diagnosis)),
-        recorded=record_rows(tracing.look),
-        where=text.where_predicted(tracing),
-        nothing_stands=nothing_stands(d),
-        errors=shown_rows(d, ("", *text.error_headings(d)), text.error_rows(d, channel_units(tracing.model))),
-        error_headings=shown_columns(d, text.error_headings(d))[1:],
-        kinematics=_kinematics(tracing),
-        replicated=[_replicated(claim) for claim in d.effects if claim.evidence is not None],
-        replication=_figure(figures / "replication.png", CAPTIONS["replication"]) if (figures / "replication.png").is_file() else None,
-        weighed=weighed_rows(d),
-        headings=shown_columns(d, text.derivative_headings(d))[1:],
-        derived_headings=shown_columns(d, text.DERIVED_HEADINGS)[1:],
-        members=member_tables(d),
-        sigma_note=text.sigma_note(d),
-        scatter=bool(d.scatter),
-        derivatives=shown_rows(d, ("", *text.derivative_headings(d)), text.derivative_rows(d.before, d.after, d.scatter)),
-        derived=shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d)),
-        levels=shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing)),
-        level_headings=shown_columns(d, LEVEL_HEADINGS),
-        levels_title=_capital(levels_title(tracing)),
-        moved_title=_capital(text.moved_title(d)),
-        figures=[
-            _figure(figures / f"{stem}.png", caption) for stem, caption in figure_stems(figures, declared=nothing_stands(d)) if stem != "replication"
-        ],
-        steps=[step.sentence for step in d.steps],
-        candidates=candidate_rows(d, len(d.candidates)),
-        guarded=any(candidate.name.startswith(GUARD) for candidate in d.candidates),
-        tests=[(when, test) for when, tests in _tests(d) for test in tests],
-        inputs=[("fitted", file) for file in tracing.inputs.records]
-        + [(text.kind_of_predicted(d), file) for file in tracing.inputs.validation]
-        + [("vehicle", tracing.inputs.vehicle)]
-        + [("effects", file) for file in tracing.inputs.effects],
+        tone=TONES[d.verdict],
+        sentence=d.verdict.sentence,
+        summary=(f"{_capital(text.headline(tracing))}.",),
+        warnings=tuple(f"{doubt}." for doubt in tracing.doubts),
+        sections=(
+            *_effects(tracing),
+            *section("Warnings", further),
+            *_replication(d, replication),
+            *_kinematics(tracing),
+            *_errors(tracing),
+            *_derivatives(tracing),
+            *section("The record as it was recorded", record_table(tracing.look)),
+            *section("How the records were prepared", Bullets((*tracing.notes, effort_sentence(tracing.effort, d)))),
+            *section("Figures", *pictures.values()),
+            *_search(d),
+        ),
+        reproduction=reproduction(_command(tracing), "", _inputs(tracing)),
+        created=created,
     )
+
+
+def _effects(tracing: Tracing) -> tuple[Section, ...]:
+    advice = [Prose(f"{line}.") for line in text.verdict_advice(tracing)]
+    cards = tuple(_effect(claim, tracing) for claim in tracing.diagnosis.effects)
+    return section("Effects", *advice, parts=cards) if cards else ()
+
+
+def _effect(claim: Claim, tracing: Tracing) -> Section:
+    wording = text.wording_of(tracing)
+    blocks: list[Block] = [Prose(f"{_capital(text.effect_heading(claim, wording))}.")]
+    probability, parameters = probability_sentence(claim), parameter_text(claim, wording)
+    blocks += [Prose(f"{probability}.")] if probability else []
+    blocks += [Prose(parameters)] if parameters else []
+    blocks += [Prose(f"These data fit as well: {', '.join(claim.alternatives)}.")] if claim.alternatives else []
+    explanation = claim.explanation or tracing.explanations.get(claim.name, "")
+    blocks += [Fold("What this effect is", (explanation,))] if explanation else []
+    return Section(claim.name, tuple(blocks), card="claim" if claim.claimed else "hint")
+
+
+def _replication(d: Diagnosis, figure: Figure | None) -> tuple[Section, ...]:
+    proven = [Prose(f"{_capital(' '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:") for claim in d.effects if claim.evidence is not None]
+    if not proven:
+        return ()
+    caption = "Each record was left out in turn and predicted by what the others give; not fitted: change of that error, all channels and records"
+    weighed = rows_table(caption, ("effect", "not fitted", "cross-validated?", "parameters"), weighed_rows(d), PRINTED)
+    return section("Replication", *proven, figure, weighed)
+
+
+def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
+    some = tracing.kinematics
+    if some is None:
+        return ()
+    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
+    limits = tuple(some.result.cannot_tell) if some.result is not None else ()
+    records = Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note") if some.records else None
+    fold = Fold("What these channels cannot tell", limits) if limits else None
+    return section("Kinematics alone", *(Prose(f"{_capital(line)}.") for line in lines), records, fold)
+
+
+def _errors(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    rows = shown_rows(d, ("", *text.error_headings(d)), text.error_rows(d, channel_units(tracing.model)))
+    after = "No effect stands as the cause, so there is nothing to hold against the declared model."
+    note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
+    told = f"Root mean square of measured minus simulated; only initial states and biases were fitted there. {note}"
+    table = rows_table("Simulation error", ("channel", *shown_columns(d, text.error_headings(d))), rows)
+    return section(f"Simulation error on {text.where_predicted(tracing)}", table, Prose(told, "note"))
+
+
+def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    headings = text.derivative_headings(d)
+    rows = shown_rows(d, ("", *headings), text.derivative_rows(d.before, d.after, d.scatter))
+    derived = shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d))
+    note = text.sigma_note(d)
+    scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
+    levels = shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing))
+    heading = _capital(levels_title(tracing))
+    parts = section(heading, rows_table("Levels of flying qualities", ("mode", *shown_columns(d, LEVEL_HEADINGS)), levels)) if levels else ()
+    alike = Prose("These data cannot tell them apart. * more than two of both sigmas from the first.", "note")
+    for members, cells in member_tables(d):
+        parts += section("Under each member of the group", alike, rows_table("Derivatives by member", ("name", "unit", *members), cells))
+    return section(
+        _capital(text.moved_title(d)),
+        rows_table("Derivatives", ("name", *shown_columns(d, headings)), rows),
+        rows_table("What follows from them", ("name", *shown_columns(d, text.DERIVED_HEADINGS)), derived),
+        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note") if note else None,
+        parts=parts,
+    )
+
+
+def _search(d: Diagnosis) -> tuple[Section, ...]:
+    steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
+    guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
+    table = rows_table("Every candidate, the best of each round first", CANDIDATES, candidate_rows(d, len(d.candidates)), PRINTED)
+    note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
+    columns = (Column("model"), Column("test"), Column("channel"), Column("p", PURE), Column("result"))
+    rows = tuple((when, test.name, test.channel, p_value(test.p_value), test.sentence) for when, tests in _tests(d) for test in tests)
+    parts = section("Every candidate", table, note) if d.candidates else ()
+    return section("How it was found", steps, parts=parts + section("Residual tests", Table("Residual tests", columns, rows)))
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
@@ -104,40 +162,21 @@ def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:
     return [("before", tuple(d.tests_before)), ("after", tuple(d.tests_after))]
 
 
-def _effect(claim: Claim, tracing: Tracing) -> dict[str, Any]:
-    wording = text.wording_of(tracing)
-    return {
-        "name": claim.name,
-        "claimed": claim.claimed,
-        "sentence": _capital(text.effect_heading(claim, wording)),
-        "probability": probability_sentence(claim),
-        "parameters": parameter_text(claim, wording),
-        "alternatives": claim.alternatives,
-        "explanation": claim.explanation or tracing.explanations.get(claim.name, ""),
-    }
+def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
+    kind = text.kind_of_predicted(tracing.diagnosis)
+    files = [("fitted", file) for file in tracing.inputs.records] + [(kind, file) for file in tracing.inputs.validation]
+    files += [("vehicle", tracing.inputs.vehicle)] + [("effects", file) for file in tracing.inputs.effects]
+    return [(use, file.name, file.sha256) for use, file in files]
 
 
-def _replicated(claim: Claim) -> dict[str, Any]:
-    told = " ".join(evidence_sentences(claim))
-    return {"name": claim.name, "told": _capital(told)}
-
-
-def _kinematics(tracing: Tracing) -> dict[str, Any] | None:
-    some = tracing.kinematics
-    if some is None:
-        return None
-    lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
-    limits = list(some.result.cannot_tell) if some.result is not None else []
-    return {"records": ", ".join(some.records), "lines": [_capital(line) for line in lines], "limits": limits}
-
-
-def _figure(path: Path, caption: str) -> dict[str, str]:
-    return {"caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii"), "name": path.stem}
+def _command(tracing: Tracing) -> list[str]:
+    """What would be typed for this, as far as the result tells."""
+    inputs = tracing.inputs
+    own = tracing.vehicle.own_file
+    command = ["flightid", "diagnose", *(file.name for file in inputs.records), "--model", own.name if own is not None else tracing.vehicle.model]
+    command += ["--vehicle", inputs.vehicle.name]
+    return command + (["--validate", *(file.name for file in inputs.validation)] if inputs.validation else [])
 
 
 def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
-
-
-def _resource(name: str) -> str:
-    return files("scenarios.diagnosis.report").joinpath(name).read_text(encoding="utf-8")

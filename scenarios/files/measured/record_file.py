@@ -91,6 +91,11 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
     return tuple(file.identity for file in files)
 
 
+def all_simulated(files: Iterable[RecordFile]) -> bool:
+    """Whether a program made all of them, by what the JSON beside them says."""
+    return all(file.sidecar.simulated for file in files)
+
+
 def path_of(record: Path | RecordFile) -> Path | None:
     """Where a record file is; None of one that never was a file."""
     if isinstance(record, RecordFile):

@@ -11,6 +11,7 @@ from sim.errors import RecordError
 from sim.record import Hold
 
 SCHEMA = "flightid/record/1"
+SIMULATED = "simulated"  # the value of the key ``origin``
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Sidecar:
     name : the record's name, None if it says none.
     hold : how the inputs behave between samples.
     says_hold : whether the file says so, or ``hold`` is only the default.
+    simulated : whether a program made the data; figures say so.
     units : channel -> unit of a column whose header carries none.
     """
 
@@ -29,6 +31,7 @@ class Sidecar:
     hold: Hold = Hold.PREVIOUS
     units: Mapping[str, str] = field(default_factory=dict)
     says_hold: bool = False
+    simulated: bool = False
 
 
 def sidecar_path(record: Path) -> Path:
@@ -61,4 +64,4 @@ def read_sidecar(record: Path) -> Sidecar:
         raise RecordError(f"hold {hold!r} is not known", where=f"{path}, key hold", remedy="write previous or linear")
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
         raise RecordError("a unit is not a text", where=f"{path}, key units", remedy='write {"alpha": "rad", ...}')
-    return Sidecar(name, Hold(hold), units, "hold" in content)
+    return Sidecar(name, Hold(hold), units, "hold" in content, content.get("origin") == SIMULATED)

@@ -15,6 +15,10 @@ from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import displayed
 from scenarios.terminal.tables import columns_of, table_lines
 
+INTERVALS = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
+PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
+FITS = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
+SIMULATED = "free simulation: initial states and biases alone are of the record itself"
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 
 
@@ -28,12 +32,20 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
 
 def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str], width: int = WIDTH) -> list[str]:
     """A table of the intervals, and a sentence on those that a sigma does not tell, each line within ``width``."""
-    rows = [
+    lines = table_lines(columns_of(INTERVALS, interval_rows(intervals, units), left=2), title=PROFILED, width=width)
+    return [*lines, *(line for sentence in interval_sentences(intervals) for line in wrapped(sentence, width))]
+
+
+def interval_rows(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Cells below ``INTERVALS``."""
+    return [
         (each.name, unit_cell(shown_in(units.get(each.name, ""), each.name).unit), *_ends(each, units), _sides(each), "" if each.agrees else "no")
         for each in intervals
     ]
-    headings = ("parameter", "unit", "from", "to", "in sigmas", "as sigma says")
-    lines = table_lines(columns_of(headings, rows, left=2), title=f"profile likelihood, {100.0 * LEVEL:.0f} % intervals", width=width)
+
+
+def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
+    """What a sigma does not tell of them."""
     said: list[str] = []
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
@@ -45,12 +57,17 @@ def interval_lines(intervals: Sequence[ProfileInterval], units: Mapping[str, str
     better = [each.name for each in intervals if each.better > LIKELIER]
     if better:
         said.append(f"likelier values than the estimate were found along {', '.join(better)}: the fit was not at its best")
-    return [*lines, *(line for sentence in said for line in wrapped(sentence, width))]
+    return said
 
 
 def fit_lines(fits: Sequence[RecordFit], width: int = WIDTH) -> list[str]:
     """A table of what the free simulations miss, a row for each record and channel, no line longer than ``width``."""
-    rows = []
+    return table_lines(columns_of(FITS, fit_rows(fits), left=3), title=SIMULATED, width=width)
+
+
+def fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, ...]]:
+    """Cells below ``FITS``."""
+    rows: list[tuple[str, ...]] = []
     for each in fits:
         word = "held out" if each.held_out else "fitted"
         if each.figures is None:
@@ -60,9 +77,7 @@ def fit_lines(fits: Sequence[RecordFit], width: int = WIDTH) -> list[str]:
             value, _, unit = displayed(Quantity(error, 0.0, each.record[name].unit))
             figures = f"{each.fit_percent(name):.1f}", f"{each.figures.r2[name]:.4f}", f"{each.figures.theil[name]:.3f}"
             rows.append((each.record.name, word, name, f"{value:.3g}{spaced(unit)}", *figures))
-    headings = ("record", "", "channel", "rms error", "fit %", "R2", "Theil")
-    title = "free simulation: initial states and biases alone are of the record itself"
-    return table_lines(columns_of(headings, rows, left=3), title=title, width=width)
+    return rows
 
 
 def _ends(each: ProfileInterval, units: Mapping[str, str]) -> tuple[str, str]:

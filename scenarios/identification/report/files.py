@@ -8,7 +8,7 @@ from typing import Any
 
 from ident.flying_qualities.mode_levels import Flown, mode_levels
 from scenarios.files.folders import study_folder
-from scenarios.files.measured.record_file import identities
+from scenarios.files.measured.record_file import all_simulated, identities
 from scenarios.files.measured.sidecar import sidecar_path
 from scenarios.files.sources import InputFile
 from scenarios.files.versions import versions
@@ -16,10 +16,15 @@ from scenarios.files.writing import RESPONSE, write_json, write_record, write_re
 from scenarios.identification.assessment.content import constraints_content, fits_content, intervals_content
 from scenarios.identification.from_files import Identified
 from scenarios.identification.input_reading import reading_content
-from scenarios.identification.keeping import kept_identification
+from scenarios.identification.report.keeping import kept_identification
 from scenarios.identification.report.noise import estimated_noise
+from scenarios.identification.report.page import identification_page
 from scenarios.identification.result import Identification
 from scenarios.kept.kept_model import write_kept
+from scenarios.pages.folder import write_page
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.preparation.record_words import record_content
 from scenarios.studies.comparison import estimate_content
 from scenarios.terminal.flying_qualities import levels_content
@@ -29,9 +34,10 @@ MAIN = "comparison.json"
 SCHEMA = "flightid/comparison/1"
 
 
-def write_identification(identified: Identified, out: Path, *, figures: bool = True) -> Path:
+def write_identification(identified: Identified, out: Path, *, figures: Formats = USUAL) -> Path:
     """Write the study into the folder ``out``, whole or not at all; returns the folder."""
     found, measured = identified.found, identified.measured
+    made = all_simulated([*identified.files, *identified.validation])
     with study_folder(out, MAIN) as scratch:
         kept = kept_identification(found, identified.plan)
         if kept is not None:
@@ -40,14 +46,19 @@ def write_identification(identified: Identified, out: Path, *, figures: bool = T
             simulated = {name: row for name, row in zip(fit.outputs, fit.simulated, strict=True) if name in fit.record.output_names}
             write_responses(scratch / f"{RESPONSE}.csv", fit.record, simulated)
         for number, record in enumerate(measured, start=1):
-            write_record(scratch, record, "record" if number == 1 else f"record_{number}")
+            write_record(scratch, record, "record" if number == 1 else f"record_{number}", simulated=made)
         for file in (*identified.files, *identified.validation):
             _spare_inputs(scratch, out, file.path)
+        drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.identification.figures import draw_identification
+            from scenarios.identification.figures import identification_figures
+            from scenarios.plots.page.drawing import drawn_for_page
 
-            draw_identification(found, measured[0], scratch, estimated_noise(found))
-        write_json(scratch / MAIN, identification_content(found, identities(identified.files), identified.flown, identities(identified.validation)))
+            data = SIMULATED_DATA if made else MEASURED_DATA
+            drawn = drawn_for_page(identification_figures(found, measured[0], data, estimated_noise(found)), scratch, figures)
+        fitted, predicted = identities(identified.files), identities(identified.validation)
+        write_page(scratch, identification_page(found, identified.flown, fitted, predicted, drawn))
+        write_json(scratch / MAIN, identification_content(found, fitted, identified.flown, predicted))
     return out
 
 

@@ -45,16 +45,16 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         look = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
         along = np.arange(1, len(each.strengths) + 1)
         spectrum.plot(along, each.strengths, label=plain(each.label), **look)
-        spare.plot(along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), color=colour, linewidth=1.2)
+        spare.plot(along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number))
         places = np.arange(n, dtype=float)
         ratio.plot([each.ratio.get(name, np.nan) for name in names], places, **look)
         share.plot([100.0 * each.share.get(name, np.nan) for name in names], places, **look)
-    caption(spectrum, "strength of each direction: 1 where record = prior")
-    caption(spare, "numbers that the record settles, added up")
+    caption(spectrum, "strength of each direction (–): 1 where record = prior")
+    caption(spare, "numbers that the record settles (–), added up")
     unseen = sorted({each.unseen for each in methods})
     for panel in (spectrum, spare):
-        panel.set_xlabel(f"direction; {' or '.join(map(str, unseen))} more have no influence at all", fontsize=LABEL_SIZE)
-    for panel, text in ((ratio, "σ over the prior's σ"), (share, "variance that the prior gives (%)")):
+        panel.set_xlabel(f"direction (–); {' or '.join(map(str, unseen))} more have no influence", fontsize=LABEL_SIZE)
+    for panel, text in ((ratio, "σ over the prior's σ (–)"), (share, "variance that the prior gives (%)")):
         panel.set_ylim(n - 0.4, -0.6)
         panel.set_xlabel(text, fontsize=LABEL_SIZE)
         panel.set_yticks(range(n), [symbol(name) for name in names] if panel is ratio else [""] * n)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.display import axis_label, display_unit, plain, scaled_unit, signed, symbol
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain, scaled_unit, signed, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -51,7 +51,10 @@ class ParameterColumn:
 
 @dataclass(frozen=True, eq=False)
 class StudyResponse:
-    """Measured and predicted outputs and inputs of one study at ``time (N,)``, SI, by name; ``units`` by channel."""
+    """Measured and predicted outputs and inputs of one study at ``time (N,)``, SI, by name; ``units`` by channel.
+
+    ``simulated``: a program made the record.
+    """
 
     label: str
     time: np.ndarray
@@ -59,6 +62,7 @@ class StudyResponse:
     measured: Mapping[str, np.ndarray]
     predicted: Mapping[str, np.ndarray]
     units: Mapping[str, str]
+    simulated: bool = False
 
 
 Rows = Mapping[str, Sequence[ParameterColumn | None]]
@@ -133,7 +137,7 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
 
 
 def figure_studies_responses(studies: Sequence[StudyResponse], outputs: Sequence[str], title: str = "") -> Figure:
-    """Outputs of several studies over time in one panel each, measured (dots) and predicted (lines), below the inputs that all have.
+    """Outputs of several studies over time in one panel each, recorded (dots) and predicted (lines), below the inputs that all have.
 
     Angles in degrees. A study that does not have an output is left out of its panel.
     """
@@ -144,14 +148,15 @@ def figure_studies_responses(studies: Sequence[StudyResponse], outputs: Sequence
         for number, each in enumerate(studies):
             look = method_style(number)
             if name in inputs:
-                panel.plot(each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **{**look, "linewidth": 0.9})
+                panel.plot(each.time, unit.factor * each.inputs[name], drawstyle="steps-post", **look)
             elif name in each.measured:
                 panel.plot(each.time, unit.factor * each.measured[name], ".", color=look["color"], markersize=3.0, markeredgewidth=0.0, alpha=0.5)
-                panel.plot(each.time, unit.factor * each.predicted[name], label=plain(each.label), **{**look, "linewidth": 0.9})
+                panel.plot(each.time, unit.factor * each.predicted[name], label=plain(each.label), **look)
         y_label(panel, axis_label(name, unit))
-    sheet.panels[-1].plot([], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label="measured")
+    kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})
+    sheet.panels[-1].plot([], [], ".", color=BLACK, markersize=5.0, alpha=0.5, label=" or ".join(kinds))
     time_axis(sheet.panels[-1])
-    return finish(sheet, f"{title}\nlines: predicted, by a filter one sample ahead; dots: measured", head=0.1)
+    return finish(sheet, f"{title}\nlines: predicted, by a filter one sample ahead; dots: {' or '.join(kinds)}", head=0.1)
 
 
 def _draw_estimate(panel: Axes, x: float, each: ParameterColumn, factor: float) -> None:

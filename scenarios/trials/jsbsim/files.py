@@ -24,7 +24,7 @@ FELT = 1e-3  # share of a load's spread: a derivative that moves less is zero fo
 def write_jsbsim(flight: JsbsimFlight, seed: int, record: Record, truth: JsbsimTruth, folder: Path, stem: str) -> tuple[dict[str, Path], Path]:
     """``stem.csv`` with its sidecar, ``stem_MODEL.toml`` for each model, ``stem_truth.json``; vehicle files by model, and the truth's path."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_record(folder, record, stem)
+    write_record(folder, record, stem, simulated=True)
     rng = np.random.default_rng((STARTS_APART, seed))
     vehicles = {}
     for model, constants in truth.constants.items():

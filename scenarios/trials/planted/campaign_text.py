@@ -11,11 +11,15 @@ from typing import Any
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.pages.model import Page
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.planted.campaign import TraceJudged, trace_shares, verdict_shares
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.scoring import Share
 
+VERDICTS = ("verdict", "flights", "percent", "95 % interval")
+SHARES = ("share", "count", "percent", "95 % interval")
 _LABELS = {
     "expected": "flights with the expected answer",
     "expected_or_alternative": "the same, one name among its alternatives",
@@ -28,22 +32,38 @@ _LABELS = {
 
 def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str) -> str:
     """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
-    expected = " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
     blocks = [
-        [f"{scenario.name}: {len(judged)} flights, {seeds}", f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"],
-        _table("verdict", "flights", [(name, *_share(share)) for name, share in verdict_shares(judged).items()]),
-        _table("share", "count", [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of]),
-        [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false],
+        [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
+        table_lines(columns_of(VERDICTS, verdict_rows(judged))),
+        table_lines(columns_of(SHARES, share_rows(judged))),
+        false_lines(judged),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-def _table(what: str, number: str, rows: Sequence[tuple[str, ...]]) -> list[str]:
-    return table_lines(columns_of((what, number, "percent", "95 % interval"), rows))
+def expected_line(scenario: TraceScenario) -> str:
+    """Verdicts and effects that the scenario expects."""
+    expected = " or ".join(" + ".join(names) for names in scenario.expect.effects) or "nothing to claim"
+    return f"expected: {' or '.join(scenario.expect.verdicts)}, {expected}"
 
 
-def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged], out: str | Path, flown: Mapping[str, Any]) -> Path:
-    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
+def verdict_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
+    """Cells below ``VERDICTS``."""
+    return [(name, *_share(share)) for name, share in verdict_shares(judged).items()]
+
+
+def share_rows(judged: Sequence[TraceJudged]) -> list[tuple[str, ...]]:
+    """Cells below ``SHARES``."""
+    return [(_LABELS[key], *_share(share)) for key, share in trace_shares(judged).items() if share.of]
+
+
+def false_lines(judged: Sequence[TraceJudged]) -> list[str]:
+    """Every claim of what is not there."""
+    return [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+
+
+def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged], out: str | Path, flown: Mapping[str, Any], page: Page) -> Path:
+    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -61,6 +81,7 @@ def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged],
             "shares": {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares.items() if share.of},
             "versions": versions(),
         }
+        write_page(scratch, page)
         write_json(scratch / "campaign.json", content)
     return Path(out)
 

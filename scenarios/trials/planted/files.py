@@ -8,14 +8,17 @@ from typing import Any
 
 from scenarios.diagnosis.report.content import bounded, positive, test_content
 from scenarios.files.versions import versions
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.trials.folder import write_trial
 from scenarios.trials.planted.flights import write_flown
+from scenarios.trials.planted.page import scored_page
 from scenarios.trials.planted.study import Scored, TraceStudy
 
 
-def write_trace(study: TraceStudy, folder: str | Path, *, figures: bool = True) -> Path:
+def write_trace(study: TraceStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
-    return write_trial(study.tracing, partial(write_flown, study.flown), truth_content(study), trace_comparison(study), folder, figures=figures)
+    given, dressed = partial(write_flown, study.flown), partial(scored_page, study)
+    return write_trial(study.tracing, given, truth_content(study), trace_comparison(study), folder, figures=figures, dressed=dressed)
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:

@@ -176,8 +176,8 @@ def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
     """Training record, validation record and vehicle file in a folder: all that the loop is told."""
     from scenarios.files.writing import write_record
 
-    train, _ = write_record(folder, flown.train, "train")
-    validate, _ = write_record(folder, flown.validate, "validate")
+    train, _ = write_record(folder, flown.train, "train", simulated=True)
+    validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(flown.vehicle_file, encoding="utf-8")
     return train, validate, vehicle

@@ -26,9 +26,9 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
         summary_lines(trace_summary(study, details), width),
         [f"{scenario.name}: {scenario.title}", f"truth and model: {scenario.distance}; seed {study.seed}"],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(_against_truth(study), title=_title(study), width=width),
-        table_lines(columns_of(EFFECTS, [(*row[:3], *row[4:]) for row in _rows(study.effects)], left=2), width=width),
-        wrapped(f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}", width),
+        table_lines(against_truth(study), title=table_title(study), width=width),
+        table_lines(columns_of(EFFECTS, effect_rows(study), left=2), width=width),
+        wrapped(scored_sentence(study), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -40,7 +40,17 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
     return replace(told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}")
 
 
-def _against_truth(study: TraceStudy) -> list[Column]:
+def scored_sentence(study: TraceStudy) -> str:
+    """What was hidden, what was expected, and what the diagnosis is worth."""
+    return f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is {_verdict(study.grade)}"
+
+
+def effect_rows(study: TraceStudy) -> list[tuple[str, ...]]:
+    """Cells below ``EFFECTS``."""
+    return [(*row[:3], *row[4:]) for row in _rows(study.effects)]
+
+
+def against_truth(study: TraceStudy) -> list[Column]:
     """The derivatives before and after; of the declared model alone where no effect stands beside it."""
     d, rows = study.tracing.diagnosis, _rows(study.derivatives)
     if nothing_stands(d):
@@ -49,7 +59,8 @@ def _against_truth(study: TraceStudy) -> list[Column]:
     return columns_of(DERIVATIVES, rows, left=2)
 
 
-def _title(study: TraceStudy) -> str:
+def table_title(study: TraceStudy) -> str:
+    """What the derivatives are held against."""
     if study.scenario.model == "loes":
         return "derivatives; true are those of the equivalent system that fits the linear loop's frequency response"
     return "derivatives against the truth"

@@ -12,6 +12,8 @@ from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
+from scenarios.pages.folder import write_page
+from scenarios.pages.model import Page
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
@@ -19,6 +21,10 @@ from scenarios.trials.scoring import Share
 from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
 from scenarios.trials.standin.declaration import StandIn
 
+SHARES = ("share", "count", "percent", "95 % interval")
+EFFECTS = ("hidden effect", "flights", "named alone", "in a group")
+DERIVATIVES = ("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median")
+TITLE = "within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative"
 _LABELS = {
     "named": "hidden effects named, alone or in a group",
     "named_alone": "hidden effects named alone",
@@ -31,36 +37,53 @@ _LABELS = {
 
 def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str, width: int = WIDTH, details: str = BELOW) -> str:
     """A summary, shares with intervals, effect by effect, derivative by derivative; ``seeds`` in words."""
-    rows = [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
-    effects = [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
-    derivatives = [
-        (name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in by_derivative(judged).items()
-    ]
-    verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
-    false = [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+    rows = share_rows(judged)
     summary = Summary(
         f"{standin.name}: {standin.title}; {len(judged)} flights, {seeds}",
-        ", ".join(f"{count} {name}" for name, count in verdicts.items()),
+        verdict_counts(judged),
         "; ".join(f"{row[0]} {row[2]} ({row[3]})" for row in rows[:2]),
         details=details,
     )
     blocks = [
         summary_lines(summary, width),
-        [f"{standin.name}: {len(judged)} flights, {seeds}", ", ".join(f"{count} {name}" for name, count in verdicts.items())],
-        table_lines(columns_of(("share", "count", "percent", "95 % interval"), rows), width=width),
-        false,
-        table_lines(columns_of(("hidden effect", "flights", "named alone", "in a group"), effects), width=width),
-        table_lines(
-            columns_of(("derivative", "count", "percent", "95 % interval", "bias, median", "its size, median"), derivatives),
-            width=width,
-            title="within two sigmas of the pseudo-true value; apart from it the bias of that value against the nominal derivative",
-        ),
+        [f"{standin.name}: {len(judged)} flights, {seeds}", verdict_counts(judged)],
+        table_lines(columns_of(SHARES, rows), width=width),
+        false_lines(judged),
+        table_lines(columns_of(EFFECTS, effect_rows(judged)), width=width),
+        table_lines(columns_of(DERIVATIVES, derivative_rows(judged)), width=width, title=TITLE),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, flown: Mapping[str, Any]) -> Path:
-    """Write ``flights.csv``, one row a flight, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
+def verdict_counts(judged: Sequence[Judged]) -> str:
+    """How often each verdict was given."""
+    verdicts = {flight.verdict: sum(other.verdict == flight.verdict for other in judged) for flight in judged}
+    return ", ".join(f"{count} {name}" for name, count in verdicts.items())
+
+
+def share_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Cells below ``SHARES``."""
+    return [(_LABELS[key], *_share(share)) for key, share in shares(judged).items() if share.of]
+
+
+def false_lines(judged: Sequence[Judged]) -> list[str]:
+    """Every claim of what is not there."""
+    return [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
+
+
+def effect_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Cells below ``EFFECTS``."""
+    return [(name, *(str(number) for number in counts)) for name, counts in by_effect(judged).items()]
+
+
+def derivative_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
+    """Cells below ``DERIVATIVES``."""
+    found = by_derivative(judged).items()
+    return [(name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in found]
+
+
+def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, flown: Mapping[str, Any], page: Page) -> Path:
+    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -82,6 +105,7 @@ def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, 
             },
             "versions": versions(),
         }
+        write_page(scratch, page)
         write_json(scratch / "campaign.json", content)
     return Path(out)
 

@@ -9,14 +9,17 @@ from typing import Any
 
 from scenarios.diagnosis.report.content import bounded, positive
 from scenarios.files.versions import versions
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.trials.folder import write_trial
 from scenarios.trials.standin.flights.flight import Flight, write_flight
+from scenarios.trials.standin.page import scored_page
 from scenarios.trials.standin.study import StandInStudy
 
 
-def write_standin(study: StandInStudy, folder: str | Path, *, figures: bool = True) -> Path:
+def write_standin(study: StandInStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write records, vehicle file, diagnosis, truth and ``comparison.json`` (last); returns the folder."""
-    return write_trial(study.tracing, partial(write_flight, study.flight), truth_content(study.flight), comparison(study), folder, figures=figures)
+    given, dressed = partial(write_flight, study.flight), partial(scored_page, study)
+    return write_trial(study.tracing, given, truth_content(study.flight), comparison(study), folder, figures=figures, dressed=dressed)
 
 
 def truth_content(flight: Flight) -> dict[str, Any]:

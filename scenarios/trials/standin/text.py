@@ -27,7 +27,7 @@ def standin_text(study: StandInStudy, width: int = WIDTH, details: str = BELOW) 
         summary_lines(standin_summary(study, details), width),
         [f"{study.standin.name}: {study.standin.title}", *flight_lines(study.flight), f"seed {study.seed}"],
         details_text(study.tracing, width).rstrip().split("\n"),
-        table_lines(_against_nominal(study), title="derivatives against the nominal ones", width=width),
+        table_lines(against_nominal(study), title="derivatives against the nominal ones", width=width),
         [f"truth: {hidden_text(study.flight.drawn)}", f"verdict: {study.tracing.diagnosis.verdict.value}; {score_text(study)}"],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -46,10 +46,18 @@ def flight_lines(flight: Flight) -> list[str]:
     correlation = ", ".join(f"{name} {value:.2f}" for name, value in zip(drawn.axis.measured, rest["correlation"], strict=True))
     excess = ", ".join(f"{name} {value:.1f}" for name, value in zip(drawn.axis.measured, rest["excess"], strict=True))
     return [
-        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.standin.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
-        f"channels {', '.join(drawn.channels)}",
+        *flown_lines(flight),
         f"the declared model fitted to each record leaves residuals of lag-one correlation {correlation}; over the sensor noise {excess}",
         f"derivatives scatter from record to record {float(np.median(rest['inflation'])):.1f} times as far as sigmas of white residuals say",
+    ]
+
+
+def flown_lines(flight: Flight) -> list[str]:
+    """What flew, and how it was recorded."""
+    drawn = flight.drawn
+    return [
+        f"{drawn.vehicle}, {len(flight.records)} records of {drawn.standin.flight.duration:g} s at {drawn.rate:g} Hz: {', '.join(drawn.kinds)}",
+        f"channels {', '.join(drawn.channels)}",
     ]
 
 
@@ -73,7 +81,7 @@ def _dominant(item: Dominant, records: int) -> str:
     return f"{item.name} ({values}){where}"
 
 
-def _against_nominal(study: StandInStudy) -> list[Column]:
+def against_nominal(study: StandInStudy) -> list[Column]:
     """The derivatives before and after; of the declared model alone where no effect stands beside it."""
     columns = columns_of(DERIVATIVES, _rows(study))
     if not nothing_stands(study.tracing.diagnosis):

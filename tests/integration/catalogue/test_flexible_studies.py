@@ -129,7 +129,7 @@ def test_a_method_may_fly_maneuvers_of_its_own(tmp_path: Path) -> None:
     other = study.methods[1]
     assert np.max(np.abs(other.result.record["elevator"].values)) == pytest.approx(0.05)
     assert np.max(np.abs(study.record["elevator"].values)) == pytest.approx(0.10471)
-    write_study(study, tmp_path / "study", figures=False)
+    write_study(study, tmp_path / "study", figures=())
     written = read_responses(tmp_path / "study", "doublet")
     assert written is not None
     assert np.std(written.measured["q"] - written.true["q"]) == pytest.approx(study.truth.noise_std["q"], rel=0.3)

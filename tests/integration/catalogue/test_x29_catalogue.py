@@ -130,7 +130,7 @@ def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
     said = " ".join(sentences(flight))
     assert "that of F is smaller than that of S, that of D, whose" in said and "L_delta is not identifiable" in said and "sign turned" in said
     assert "L_delta" in [name for name, _, _ in not_identifiable(flight.result.estimate)]
-    folder = write_loop(flight, tmp_path / "study", figures=False)
+    folder = write_loop(flight, tmp_path / "study", figures=())
     written = json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
     assert written["schema"] == "flightid/comparison/1" and written["against"]["scenario"] == "x29-simulation"
     assert {"natural_frequency", "damping_ratio", "delay"} <= set(written["derived"])

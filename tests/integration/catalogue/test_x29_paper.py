@@ -117,7 +117,7 @@ def test_restarts_go_by_the_delay_that_is_held() -> None:
 
 
 def test_the_papers_tables_are_written_beside_ours(tmp_path: Path) -> None:
-    written = json.loads((write_loop(flight(), tmp_path / "study", figures=False) / "comparison.json").read_text(encoding="utf-8"))
+    written = json.loads((write_loop(flight(), tmp_path / "study", figures=()) / "comparison.json").read_text(encoding="utf-8"))
     states, final = written["published"]["states"], printed("flight", "final variance")
     assert states["M_q"]["final_variance"]["published"] == pytest.approx(final["M_q"])
     assert states["q"]["R"]["here"] == pytest.approx(states["q"]["R"]["published"]) and "R" not in states["delta"]

@@ -27,6 +27,8 @@ FORBIDDEN = ("control", "filterpy", "scipy.signal", "scipy.optimize", "pint", "p
 WATCHED = f"""
 import sys
 from scenarios.cli import main
+from scenarios.terminal import progress
+progress.EVERY = 1e6  # s; a busy machine would tell how far it is
 try:
     main()
 finally:

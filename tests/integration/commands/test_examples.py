@@ -20,7 +20,7 @@ from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS
 from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
-from scenarios.commands.telling import Told, telling
+from scenarios.cli.telling import Told, telling
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
@@ -152,10 +152,10 @@ def test_quiet_prints_warnings_alone_and_json_the_document_alone(folder: Path) -
 
 
 def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with telling(tmp_path, True, quiet=True, as_json=False, documents=["study.json"]) as told:
+    with telling(tmp_path, ("png",), quiet=True, as_json=False, documents=["study.json"]) as told:
         print("a table")
         (tmp_path / "study.json").write_text('{"warnings": ["the vane sticks"]}')
-    assert told == Told(tmp_path, True, progress=False)
+    assert told == Told(tmp_path, ("png",), progress=False)
     assert capsys.readouterr() == ("", "flightid: warning: the vane sticks\n")
 
 

@@ -106,7 +106,7 @@ class Reader:
             if kind in ("toml", "python") and text.startswith("# file: "):
                 Path(text.splitlines()[0].removeprefix("# file: ").strip()).write_text(text, encoding="utf-8")
             elif kind == "python":
-                self.seen = printed_by(lambda text=text: exec(compile(text, name_of(path), "exec"), self.names))  # type: ignore[misc]
+                self.seen = printed_by(lambda text=text: exec(compile(text, name_of(path), "exec"), self.names))
             elif kind == "sh":
                 self.seen = "".join(self.ran(line) for line in commands(text) if why_not_run(path, line) is None)
             elif kind == "text" and self.seen:

@@ -63,7 +63,7 @@ def write_flight(flight: Flight, folder: Path) -> tuple[list[Path], Path]:
     """``record_1.csv`` and on with their sidecars, and ``vehicle.toml``: all that the loop is told; the paths of records and vehicle file."""
     from scenarios.files.writing import write_record
 
-    paths = [write_record(folder, record, record.name)[0] for record in flight.records]
+    paths = [write_record(folder, record, record.name, simulated=True)[0] for record in flight.records]
     vehicle = folder / "vehicle.toml"
     vehicle.write_text(vehicle_text(flight.drawn), encoding="utf-8")
     return paths, vehicle

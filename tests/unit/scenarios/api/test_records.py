@@ -76,6 +76,17 @@ def test_the_time_may_be_the_index(index: pandas.Index) -> None:
     assert record.names == ("alpha",)
 
 
+def test_a_clock_that_is_put_forward_is_no_gap() -> None:
+    index = pandas.date_range("2026-03-29 01:59:59", periods=4, freq="s", tz="Europe/Berlin")
+    assert fid.read_record(pandas.DataFrame({"alpha": ALPHA[:4]}, index=index)).time.tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_of_a_dataset_what_has_the_time_of_the_record() -> None:
+    variables = {"alpha": ("time", ALPHA, {"units": "deg"}), "height": ("level", [1.0, 2.0]), "map": (("time", "level"), np.zeros((6, 2)))}
+    record = fid.read_record(xarray.Dataset(variables, {"time": TIME, "level": [0, 1]}))
+    assert record.names == ("alpha",) and record["alpha"][3] == math.radians(3.0)
+
+
 def test_arrays_by_name_and_structured_arrays_are_records() -> None:
     by_name = fid.read_record({"time": TIME, "alpha": ALPHA, "elevator": [0.0] * 6})
     rows = np.array(list(zip(TIME, ALPHA, strict=True)), dtype=[("time", float), ("alpha", float)])

@@ -52,7 +52,7 @@ def test_a_diagnosis_of_every_verdict(verdict: Verdict) -> None:
     assert [each.name for each in found.hints] == [claim.name for claim in tracing.diagnosis.effects if not claim.claimed]
     assert verdict.value in repr(found) and all(name in repr(found) for name in claimed)
     assert f"{verdict.value.upper()}: {found.headline}" in shown(found._repr_html_())
-    assert found.summary().startswith(tracing.vehicle.name)
+    assert tracing.vehicle.name in found.summary() and "save(FOLDER) keeps them" in found.summary()
     table = found.to_dataframe()
     assert {name: value for name, value in table["value_after"].items()} == {n: q.value for n, q in tracing.diagnosis.after.items()}
     assert {name: value for name, value in table["sigma_before"].items()} == {n: q.std for n, q in tracing.diagnosis.before.items()}

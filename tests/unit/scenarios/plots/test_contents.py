@@ -13,6 +13,7 @@ from ident.estimate import Outcome
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
 from scenarios.plots.correlation import figure_correlation
+from scenarios.plots.display import SIMULATED_DATA
 from scenarios.plots.histories import course, sound_samples
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
@@ -191,7 +192,7 @@ def test_trajectory_with_and_without_truth(falls: dict[str, Study]) -> None:
     figure = figure_trajectory(study.record, histories, study.truth)
     altitude, error = figure.axes[:2]
     assert np.allclose(curve(altitude, "true")[1], study.truth.states["altitude"] / 1000.0)
-    assert np.allclose(curve(altitude, "measured")[1], study.record["altitude"].values / 1000.0)
+    assert np.allclose(curve(altitude, SIMULATED_DATA)[1], study.record["altitude"].values / 1000.0)
     assert np.allclose(np.asarray(error.lines[1].get_ydata()), falls["2 Taylor terms"].history.mean[0] - study.truth.states["altitude"])
     assert len(figure_trajectory(study.record, histories).axes) == 2
 
@@ -240,12 +241,14 @@ def test_equivalents_stand_beside_each_other() -> None:
 
 
 def test_large_correlations_are_framed_and_undefined_ones_grey() -> None:
-    matrix = np.array([[1.0, 0.95, 0.2, np.nan], [0.95, 1.0, -0.91, np.nan], [0.2, -0.91, 1.0, np.nan], [np.nan] * 4])
+    matrix = np.array([[1.0, 0.95, -0.5, np.nan], [0.95, 1.0, -0.91, np.nan], [-0.5, -0.91, 1.0, np.nan], [np.nan] * 4])
     figure = figure_correlation(["CL_alpha", "CL_q", "Cm_q", "delay"], matrix)
     panel = figure.axes[0]
-    assert [text.get_text() for text in panel.texts] == ["0.95", "−0.91"]
+    assert [text.get_text() for text in panel.texts] == [".95", "−.50", "−.91"]
     assert len([patch for patch in panel.patches if not patch.get_fill()]) == 2
     assert len([patch for patch in panel.patches if patch.get_fill()]) == 3
     assert any(text.get_text().startswith("2 of 6 pairs") for text in figure.texts)
+    small = figure_correlation(["CL_alpha", "CL_q"], np.array([[1.0, 0.49], [0.49, 1.0]])).axes[0]
+    assert not small.texts, "what is below a half carries no number"
     with pytest.raises(ModelError, match="two parameters or more"):
         figure_correlation(["CL_alpha"], np.eye(1))

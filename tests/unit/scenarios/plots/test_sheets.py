@@ -1,27 +1,29 @@
-"""What holds for every figure: units at the axes, nothing cut off or covered, the same bytes, no pyplot."""
+"""Figures of records and estimates, for the laws that hold for every figure; the same bytes in every format, no pyplot."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from scenarios.plots.ballistic import figure_ballistic_coefficient, figure_trajectory
 from scenarios.plots.comparison import ComparisonRow, EquivalentRow, figure_comparison, figure_equivalents
 from scenarios.plots.correlation import figure_correlation
-from scenarios.plots.files import figure_png, save_figure
+from scenarios.plots.files import figure_pdf, figure_png, figure_svg, save_figures, svg_text
+from scenarios.plots.formats import FORMATS, Formats, formats_of, formats_wanted
 from scenarios.plots.innovations import figure_innovations
 from scenarios.plots.parameters import figure_parameter_histories
 from scenarios.plots.signals import Response, figure_fit, figure_record, response_of
+from sim.errors import DeclarationError
 from tests.unit.scenarios.plots.conftest import Study
 
 ROOT = Path(__file__).parents[4]
@@ -77,56 +79,53 @@ def studies(rigid: Study, broken: Study, falls: dict[str, Study]) -> Studies:
     return {"rigid": rigid, "broken": broken, "2": falls["2 Taylor terms"], "3": falls["3 Taylor terms"]}
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_nothing_is_cut_off_or_covered(name: str, studies: Studies) -> None:
-    figure = FIGURES[name](studies)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    sheet = figure.bbox.padded(1.0)
-    for text in drawn_texts(figure):
-        box = text.get_window_extent(renderer)
-        inside = sheet.x0 <= box.x0 and box.x1 <= sheet.x1 and sheet.y0 <= box.y0 and box.y1 <= sheet.y1
-        assert inside, f"{text.get_text()!r} leaves the figure"
-    for legend in figure.legends:
-        covered = legend.get_window_extent(renderer)
-        assert not any(covered.overlaps(panel.get_window_extent(renderer)) for panel in figure.axes)
-    for i, panel in enumerate(figure.axes):
-        for other in figure.axes[i + 1 :]:
-            assert not panel.get_window_extent(renderer).overlaps(other.get_window_extent(renderer))
-
-
-def drawn_texts(figure: Figure) -> list[Text]:
-    """Every text that is seen; of the ticks those within the limits, since matplotlib keeps others in store."""
-    axes = [axis for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)]
-    stored = {id(label) for axis in axes for tick in (*axis.majorTicks, *axis.minorTicks) for label in (tick.label1, tick.label2)}
-    shown = [tick.label1 for axis in axes for tick in axis._update_ticks()]  # type: ignore[union-attr]
-    others = [text for text in figure.findobj(Text) if id(text) not in stored]
-    return [text for text in (*others, *shown) if isinstance(text, Text) and text.get_visible() and text.get_text()]
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_every_panel_carries_units(name: str, studies: Studies) -> None:
-    panels = FIGURES[name](studies).axes
-    for panel in panels:
-        # Panels side by side with the same quantity carry its label once, at the left.
-        row = [other for other in panels if other.get_position().y0 == panel.get_position().y0]
-        words = " ".join((panel.get_xlabel(), row[0].get_ylabel(), panel.get_ylabel(), panel.get_title(loc="left")))
-        pure_number = "autocorrelation" in words or "too few samples" in words or name.startswith("correlation")
-        assert "(" in words or pure_number, words
-        lowest = panel.xaxis.get_tick_params()["labelbottom"]
-        assert not lowest or panel.get_xlabel() or name.startswith(("correlation", "equivalents"))
-
-
 def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
-    for name in ("fit", "parameters"):
-        first, second = (figure_png(FIGURES[name](studies)) for _ in range(2))
+    for write in (figure_png, figure_svg, figure_pdf):
+        first, second = (write(FIGURES["fit"](studies)) for _ in range(2))
         assert first == second
-        # Neither a date nor a program's version: no chunk of text in the file.
-        assert not any(chunk in first for chunk in (b"tEXt", b"iTXt", b"zTXt", b"tIME"))
-    path = save_figure(FIGURES["fit"](studies), tmp_path, "fit")
-    assert path == tmp_path / "fit.png"
-    assert path.read_bytes() == figure_png(FIGURES["fit"](studies))
+        # Neither a date nor a program's version: no chunk of text in a PNG, no entry in the others.
+        assert not any(chunk in first for chunk in (b"tEXt", b"iTXt", b"zTXt", b"tIME", b"Date", b"Creator", b"Producer", b"Matplotlib v"))
+    paths = save_figures([("fit", lambda: FIGURES["fit"](studies))], tmp_path, FORMATS)
+    assert [path.name for path in paths] == ["fit.png", "fit.svg", "fit.pdf"]
+    assert paths[0].read_bytes() == figure_png(FIGURES["fit"](studies))
+    assert save_figures([("none", lambda: pytest.fail("drawn"))], tmp_path, ()) == []
+
+
+def test_text_of_a_page_stands_alone_and_shares_no_name_with_another(studies: Studies) -> None:
+    figure = FIGURES["correlation"](studies)
+    one, other = (ElementTree.fromstring(svg_text(figure, name, 'what "it" shows')) for name in ("one", "other"))
+    assert one.tag.endswith("svg") and one.get("aria-label") == 'what "it" shows' and one.get("viewBox")
+    names = [{element.get("id") for element in root.iter() if element.get("id")} for root in (one, other)]
+    assert names[0] and not names[0] & names[1]
+    text = svg_text(figure, "one")
+    used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
+    assert used and used <= names[0], "every reference leads to something of its own"
+    assert "<style" not in text and "<?xml" not in text
+
+
+@pytest.mark.parametrize(
+    ("asked", "none", "given"),
+    [
+        (None, False, ("png",)),
+        (["pdf,png"], False, ("png", "pdf")),
+        (["svg", "SVG", " pdf"], False, ("svg", "pdf")),
+        (["none"], False, ()),
+        (None, True, ()),
+        (["none"], True, ()),
+    ],
+)
+def test_formats_are_those_that_are_asked_for(asked: list[str] | None, none: bool, given: Formats) -> None:
+    assert formats_of(asked, none) == given
+
+
+@pytest.mark.parametrize(("asked", "none"), [(["jpg"], False), (["png,none"], False), (["svg"], True), ([""], False), (["png,"], False)])
+def test_formats_that_are_none_are_refused(asked: list[str], none: bool) -> None:
+    with pytest.raises(DeclarationError, match="--figures"):
+        formats_of(asked, none)
+
+
+def test_formats_from_python() -> None:
+    assert [formats_wanted(each) for each in (True, False, "svg", ["pdf", "png"], [])] == [("png",), (), ("svg",), ("png", "pdf"), ()]
 
 
 PROBE = """

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.figure_handover import packed, unpacked
 from scenarios.diagnosis.report.figure_process import draw_together, drawing, figure_process
 from scenarios.diagnosis.report.files import pictured, write_diagnosis, write_evidence, write_prediction, write_residuals
+from scenarios.pages.folder import rebuilt
+from scenarios.plots.page.named import gathered
 from tests.diagnoses import BALLISTIC, LOES, proven_tracing, tracing_of
 
 FIGURES = {"held_out.png", "residuals.png", "evidence.png", "derivatives.png", "spectra.png"}
@@ -46,6 +49,7 @@ def test_folder_holds_what_it_lists(folder: Path) -> None:
         "residuals.csv",
         "evidence.csv",
         "report.html",
+        "report.json",
     }
     assert "held_out_2.png" in names
 
@@ -105,20 +109,29 @@ def test_same_diagnosis_same_bytes_but_for_the_time_stamp(folder: Path, tmp_path
     write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=120), tmp_path / "again")
     for entry in folder.iterdir():
         other = (tmp_path / "again" / entry.name).read_bytes()
-        if entry.name == "diagnosis.json":
+        if entry.suffix == ".json":
             a, b = json.loads(entry.read_bytes()), json.loads(other)
             assert a.pop("created") and b.pop("created")
             assert a == b
+        elif entry.name == "report.html":
+            first, again = (re.sub(rb"<time.*?</time>", b"", page) for page in (entry.read_bytes(), other))
+            assert first == again
         else:
             assert entry.read_bytes() == other, entry.name
 
 
+def test_page_is_made_again_from_its_folder_to_the_byte(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_bytes((folder / "report.json").read_bytes())
+    assert rebuilt(tmp_path).read_bytes() == (folder / "report.html").read_bytes()
+    assert (folder / "report.html").read_bytes().count(b"<svg ") == len(FIGURES) + 1  # one more record is predicted
+
+
 def test_older_run_is_replaced_and_other_files_are_left(tmp_path: Path) -> None:
-    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.TRACED, validations=2, count=60), tmp_path, figures=())
     (tmp_path / "notes.txt").write_text("mine")
-    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=False)
+    write_diagnosis(tracing_of(Verdict.CONSISTENT, count=60), tmp_path, figures=())
     names = {entry.name for entry in tmp_path.iterdir()}
-    assert names == {"diagnosis.json", "validate_prediction.csv", "residuals.csv", "evidence.csv", "report.html", "notes.txt"}
+    assert names == {"diagnosis.json", "validate_prediction.csv", "residuals.csv", "evidence.csv", "report.html", "report.json", "notes.txt"}
     assert json.loads((tmp_path / "diagnosis.json").read_bytes())["verdict"] == "consistent"
 
 
@@ -129,9 +142,12 @@ def test_second_process_draws_the_same_figures(folder: Path, tmp_path: Path) -> 
         with drawing(picture, tmp_path, process):
             pass
         assert process.returncode == 0
-    assert {entry.name for entry in tmp_path.iterdir()} >= FIGURES
+    left = gathered(tmp_path)
+    assert {f"{stem}.png" for stem in left} == {entry.name for entry in tmp_path.iterdir()} >= FIGURES
     for entry in tmp_path.iterdir():
         assert entry.read_bytes() == (folder / entry.name).read_bytes(), entry.name
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(svg in page for svg in left.values())
 
 
 def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> None:
@@ -139,6 +155,7 @@ def test_figures_are_drawn_here_when_the_process_has_died(tmp_path: Path) -> Non
     dead = subprocess.Popen([sys.executable, "-c", "raise SystemExit(1)"], stdin=subprocess.PIPE)
     with dead, drawing(picture, tmp_path, dead):
         pass
+    assert set(gathered(tmp_path)) == {"evidence", "derivatives"}
     assert {entry.name for entry in tmp_path.iterdir()} == {"evidence.png", "derivatives.png"}
 
 
@@ -151,14 +168,15 @@ def test_figures_are_drawn_where_nothing_forks_and_where_the_fork_fails(tmp_path
             monkeypatch.delattr(os, "fork")
         (tmp_path / str(fork)).mkdir()
         draw_together(picture, tmp_path / str(fork))
+        assert set(gathered(tmp_path / str(fork))) == {"evidence", "derivatives"}
         assert {entry.name for entry in (tmp_path / str(fork)).iterdir()} == {"evidence.png", "derivatives.png"}
     gone.returncode = 1  # it was waited for
 
 
 def test_handover_to_the_process_loses_nothing(tmp_path: Path) -> None:
     picture = pictured(tracing_of(Verdict.PARTIAL, LOES, count=60))
-    again, folder = unpacked(packed(picture, tmp_path))
-    assert folder == tmp_path
+    again, folder, formats = unpacked(packed(picture, tmp_path, ("svg",)))
+    assert (folder, formats) == (tmp_path, ("svg",))
     assert again.before == picture.before and again.after == picture.after and again.noise == picture.noise
     assert [(c.name, c.gain, c.within) for c in again.candidates] == [(c.name, c.gain, c.within) for c in picture.candidates]
     for a, b in zip(again.fitted, picture.fitted, strict=True):
@@ -173,6 +191,6 @@ def test_replication_is_drawn_where_there_is_some_and_the_handover_keeps_it(tmp_
     assert [each["time_constant"].value for each in shown.by_record] == [0.058, 0.063, 0.060, 0.062]
     (again,) = unpacked(packed(picture, tmp_path))[0].replicated
     assert (again.name, again.records, again.by_record, again.together) == (shown.name, shown.records, shown.by_record, shown.together)
-    draw_together(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path)
-    assert {entry.name for entry in tmp_path.iterdir()} == {"replication.png"}
+    draw_together(replace(picture, predictions=(), fitted=(), candidates=(), before={}), tmp_path, ())
+    assert set(gathered(tmp_path)) == {"replication"} and not list(tmp_path.iterdir())
     assert pictured(tracing_of(Verdict.PARTIAL)).replicated == ()

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -18,6 +17,7 @@ from scenarios.diagnosis.report.probabilities import probability_sentence, shown
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import json_text
+from scenarios.pages.rendering import page_html
 from tests.diagnoses import tracing_of
 
 LAG, DELAY = "sensor-lag:q", "sensor-delay:q"
@@ -68,7 +68,7 @@ def test_the_file_has_the_numbers_and_nothing_where_nothing_was_weighed() -> Non
     assert "probability" not in diagnosis_content(told({}), "")["effects"][0]
 
 
-def test_text_and_page_say_it_below_the_claim(tmp_path: Path) -> None:
+def test_text_and_page_say_it_below_the_claim() -> None:
     words = "Probability that this is its name: 93 %; sensor-delay:q 5 %, something else 2 %"
     tracing, plain = told(FOUND), told({})
     lines = diagnosis_text(tracing).splitlines()
@@ -76,4 +76,4 @@ def test_text_and_page_say_it_below_the_claim(tmp_path: Path) -> None:
     at = next(i for i, line in enumerate(lines) if line.startswith(f"{name}:"))
     assert f"    {words}" in lines[at + 1 : at + 3]
     assert [line for line in lines if words not in line] == diagnosis_text(plain).splitlines(), "and nothing else changes"
-    assert f"<p>{words}.</p>" in diagnosis_page(tracing, [], tmp_path) and "Probability" not in diagnosis_page(plain, [], tmp_path)
+    assert f"<p>{words}.</p>" in page_html(diagnosis_page(tracing, [])) and "Probability" not in page_html(diagnosis_page(plain, []))

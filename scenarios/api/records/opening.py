@@ -1,0 +1,61 @@
+"""Whatever holds a record, opened as a record file, with what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from scenarios.api.records.channels import refuse_units
+from scenarios.api.records.conversion import unpacked
+from scenarios.api.records.in_memory import file_of_columns
+from scenarios.files.channels import read_channel_map
+from scenarios.files.measured.record_file import RecordFile, read_record_file
+from scenarios.preparation.plan import plan_of
+from sim.record import Hold
+
+Units = Mapping[str, str]
+# A channel map: channel -> column, with its unit where the column does not say it; or the path of a file with such a map.
+Choices = Mapping[str, str | tuple[str, str] | Mapping[str, str]] | str | PathLike[str]
+
+
+def opened_source(
+    source: Any, *, units: Units | None = None, channels: Choices | None = None, hold: str | None = None, name: str | None = None
+) -> tuple[RecordFile, tuple[str, ...] | None]:
+    """A path, table, arrays or another package's container as a record file, and the inputs that it names (None: it names none).
+
+    Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and DeclarationError.
+    """
+    content, told = unpacked(source)
+    known = {**told.units, **(units or {})}
+    held = plan_of(hold=told.hold if hold is None else hold).hold
+    if isinstance(content, Path):
+        file = read_record_file(content)
+        sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
+        file = replace(file, sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True))
+    else:
+        file = file_of_columns(content, name or told.name, known, held)
+    chosen = choices_of(channels, units or {})
+    if chosen is not None:
+        file = replace(file, choices=read_channel_map(chosen) if isinstance(chosen, Path) else read_channel_map(chosen, chosen))
+    refuse_units(units or {}, file)
+    return file, told.inputs
+
+
+def choices_of(channels: Choices | None, units: Units | None = None) -> Path | dict[str, Any] | None:
+    """A channel map as files have it, with ``units`` that were told of columns and not of channels; or its path."""
+    if channels is None:
+        return None
+    if not isinstance(channels, Mapping):
+        return Path(channels)
+    return {key: _entry(value, units or {}) for key, value in channels.items()}
+
+
+def _entry(value: Any, units: Units) -> Any:
+    if isinstance(value, str):
+        return {"column": value, **({"unit": units[value]} if value in units else {})}
+    if isinstance(value, tuple | list) and len(value) == 2:
+        return {"column": value[0], "unit": value[1]}
+    return value

@@ -1,0 +1,75 @@
+"""`flightid simulate` and `campaign` of tracing scenarios, `simulate` of users' own models."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from scenarios.files.declarations import named_after
+
+if TYPE_CHECKING:
+    from scenarios.trials.planted.declaration import TraceScenario
+    from scenarios.trials.planted.own_flight import OwnFlight
+
+
+def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write what the loop is given of a tracing scenario, as ``_write``; the files."""
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    return _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
+
+
+def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
+    """Write what the loop is given of a user's own model in a flight that the command line describes, as ``_write``; the files."""
+    from scenarios.studies.catalogue import with_changes
+    from scenarios.trials.planted.own_flight import trace_document
+    from scenarios.trials.planted.schema import trace_scenario_of
+
+    document = with_changes(trace_document(asked), changes)
+    return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
+
+
+def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
+    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
+    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.terminal.progress import progress_bar
+    from scenarios.trials.planted.campaign import fly_trace_campaign
+    from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
+    from scenarios.trials.planted.page import campaign_page
+    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.stopping import flown, stopped_after
+
+    scenario = trace_scenario_of(*load_document(name, changes))
+    first = scenario.seed if seed is None else seed
+    seeds = range(first, first + runs)
+    with named_after(scenario_file(name)), progress_bar(progress) as tell:
+        done = flown(lambda: fly_trace_campaign(scenario, seeds, tell, os.cpu_count() or 1), seeds)
+    with stopped_after(len(done.seeds), runs, out):
+        print(trace_campaign_text(scenario, done.found, done.words), end="")
+        if out is not None:
+            write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done.found, done.words))
+            print(f"written to {out}")
+
+
+def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
+    """Both records and the vehicle file that the loop is given, the truth left out; ``file`` declares the scenario.
+
+    ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and ``record_vehicle.toml``.
+    """
+    from scenarios.files.writing import write_record
+    from scenarios.trials.planted.flights import fly_trace
+
+    with named_after(file):
+        flown = fly_trace(scenario, scenario.seed if seed is None else seed)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    written = [
+        *write_record(out.parent, flown.train, out.stem, simulated=True),
+        *write_record(out.parent, flown.validate, f"{out.stem}_validate", simulated=True),
+    ]
+    vehicle = out.parent / f"{out.stem}_vehicle.toml"
+    vehicle.write_text(flown.vehicle_file, encoding="utf-8")
+    print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
+    return [*written, vehicle]

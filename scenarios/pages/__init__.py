@@ -1,0 +1,1 @@
+"""Pages to read: one model of a document, one template."""

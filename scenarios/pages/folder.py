@@ -1,0 +1,82 @@
+"""The page in a study folder: written beside its content, and made again from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.files.writing import write_json
+from scenarios.pages.model import Figure, Page
+from scenarios.pages.rendering import page_html
+from scenarios.pages.storing import page_content, page_of
+from scenarios.plots.page.named import Drawn
+from sim.errors import FlightidError
+
+PAGE, CONTENT = "report.html", "report.json"
+_DOCUMENTS = ("comparison.json", "diagnosis.json", "compatibility.json", "campaign.json", "compared.json")
+
+
+def write_page(folder: Path, page: Page) -> None:
+    """Write ``report.json`` and ``report.html`` into a folder that exists."""
+    write_json(folder / CONTENT, page_content(page))
+    (folder / PAGE).write_bytes(page_html(page).encode("utf-8"))
+
+
+def rebuilt(folder: str | Path) -> Path:
+    """Make ``report.html`` again from ``report.json``, computing nothing; the page's path.
+
+    Raises
+    ------
+    FlightidError : there is no such folder, no content of a page in it, or one that cannot be read.
+    """
+    folder = Path(folder)
+    source = folder / CONTENT
+    if not folder.is_dir():
+        raise FlightidError("there is no such folder", where=str(folder), remedy="name the folder of a study, what --out was given")
+    if not source.is_file():
+        raise FlightidError(f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder))
+    try:
+        page = page_of(json.loads(source.read_bytes()))
+    except (KeyError, TypeError, ValueError, AttributeError, FlightidError):
+        raise FlightidError("is no content of a page that this version can show", where=str(source), remedy=_again(folder)) from None
+    target = folder / PAGE
+    try:
+        target.write_bytes(page_html(page).encode("utf-8"))
+    except OSError as error:
+        raise FlightidError(f"cannot be written ({error.strerror})", where=str(target), remedy="name a folder that you may write in") from None
+    return target
+
+
+def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
+    """Figures that were drawn, as blocks of a page."""
+    return tuple(Figure(f"figure-{each.stem}", each.svg, each.caption) for each in drawn)
+
+
+def _older(folder: Path) -> str:
+    return "the study is of an older version" if _document(folder) else "it is no study folder"
+
+
+def _again(folder: Path) -> str:
+    """What to run, as far as the folder's own document tells."""
+    document = _document(folder)
+    name = document.get("scenario")
+    if not document:
+        return "name the folder that --out was given"
+    if document.get("schema") == "flightid/comparison/1" and isinstance(name, str) and "seed" in document:
+        return f"run it again: flightid run {name} --seed {document['seed']} --out {folder}"
+    if isinstance(name, str) and "runs" in document:
+        return f"run it again: flightid campaign {name} --runs {document['runs']} --seed {document.get('first_seed', 1)} --out {folder}"
+    return f"run its command again with --out {folder}"
+
+
+def _document(folder: Path) -> dict[str, Any]:
+    for name in _DOCUMENTS:
+        try:
+            content = json.loads((folder / name).read_bytes())
+        except (OSError, ValueError):
+            continue
+        if isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/"):
+            return content
+    return {}

@@ -1,0 +1,1 @@
+"""Figures as they stand within a page."""

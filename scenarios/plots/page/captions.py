@@ -1,0 +1,52 @@
+"""One sentence below each figure of a page, by the stem of its file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+CAPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "record": "The record: inputs and measured outputs",
+        "fit": "Measured against estimated outputs, and what the estimate leaves",
+        "held_out": "Measured against predicted on data that were not fitted, and what the prediction leaves",
+        "spectra": "Spectra of measured and simulated outputs and of what is left",
+        "parameters": "Parameters over time with two sigmas",
+        "states": "States of the filter over time with two sigmas",
+        "innovations": "Innovations with two sigmas, and their autocorrelation with the band of white noise",
+        "correlation": "Correlation of the estimates",
+        "errors": "Errors of the estimates in sigmas",
+        "repeated": "Errors over repeated flights in reported sigmas",
+        "determination": "How far this record determines each parameter",
+        "flexibility": "Errors against the degree of flexibility",
+        "equivalents": "Estimates against true and condensed values",
+        "trajectory": "The fall: measured, true and estimated",
+        "ballistic_coefficient": "Ballistic coefficient over time with two sigmas",
+        "fit_other": "Measured against simulated outputs of the study that this one is compared with",
+        "compared": "The two studies side by side",
+        "delays": "Likelihood of each delay of the bank",
+        "linear": "Flown against the linear loop",
+        "margins": "Phase margins that the printed numbers leave open",
+        "variants": "The same study with one change at a time",
+        "reconstruction": "Measured against what the kinematics reconstruct",
+        "compared_estimates": "Estimates of all studies with two sigmas",
+        "compared_errors": "Errors of all studies",
+        "compared_responses": "Outputs of all studies over time",
+        "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
+        "watched": "Parameters while the stream arrived",
+    }
+)
+
+
+def caption_of(stem: str, captions: Mapping[str, str] = CAPTIONS) -> str:
+    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method behind it; the stem in words where there is none."""
+    known = [name for name in captions if stem == name or stem.startswith(f"{name}_")]
+    if not known:
+        words = stem.replace("_", " ")
+        return words[:1].upper() + words[1:]
+    name = max(known, key=len)
+    rest = stem[len(name) + 1 :].replace("_", " ")
+    if not rest:
+        return captions[name]
+    return f"{captions[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"

@@ -1,0 +1,103 @@
+"""A figure as an ``<svg>`` element of a page, with what a reader who cannot see it is told."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from html import escape
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from scenarios.plots.files import Named, save_figure
+from scenarios.plots.formats import Formats
+from scenarios.plots.page.captions import caption_of
+from scenarios.plots.page.named import FRAGMENT, Drawn, gathered
+from scenarios.plots.page.renderer import PageRenderer
+
+POINTS = 72.0
+SCALE = 1.75  # pixels a point, where there is room
+FULL = 400.0  # points: a wider figure is moved sideways on a small screen rather than made too small to read
+
+
+def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+    """Draw each figure once: into ``folder`` in every format, and for the page. Every other one is drawn by a fork where there may be one."""
+    named = list(figures)
+    helper = os.fork() if len(named) > 1 and _may_fork() else None
+    if helper == 0:
+        failed = 1
+        try:
+            leave_for_page(named[1::2], folder, formats)
+            failed = 0
+        finally:
+            os._exit(failed)
+    own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
+    if helper is not None and os.waitpid(helper, 0)[1] == 0:
+        own |= gathered(folder)
+    return tuple(Drawn(stem, own.get(stem) or _drawn(stem, make, folder, formats), caption_of(stem)) for stem, make in named)
+
+
+def leave_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> None:
+    """The same for another process to gather (``named.gathered``): each element in a file of its own."""
+    for stem, make in figures:
+        (folder / f"{stem}{FRAGMENT}").write_text(_drawn(stem, make, folder, formats), encoding="utf-8")
+
+
+def _drawn(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats) -> str:
+    figure = make()
+    save_figure(figure, folder, stem, formats)
+    return page_svg(figure, stem)
+
+
+def _may_fork() -> bool:
+    """Whether a fork is safe: this thread is the only one, and no system library of the platform forbids it."""
+    return hasattr(os, "fork") and sys.platform != "darwin" and threading.active_count() == 1
+
+
+def page_svg(figure: Figure, stem: str) -> str:
+    """The figure as an element that is as wide as its place and has no colours but those of the figure; the same for the same figure.
+
+    ``stem`` begins its identifiers: figures of one page have different ones.
+    """
+    width, height = figure.get_size_inches() * POINTS
+    dpi = figure.dpi
+    renderer = PageRenderer(width, height, f"figure-{stem}")
+    figure.patch.set_visible(False)
+    try:
+        figure.dpi = POINTS
+        figure.draw(renderer)
+    finally:
+        figure.dpi = dpi
+        figure.patch.set_visible(True)
+    boxes = "".join(
+        f'<clipPath id="{name}"><rect x="{x:g}" y="{y:g}" width="{w:g}" height="{h:g}"/></clipPath>' for (x, y, w, h), name in renderer.clips.items()
+    )
+    described = escape(description(figure), quote=True)
+    size = f'viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" height="{SCALE * height:.0f}"'
+    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if renderer.mapped else [])]
+    wide = f' class="{" ".join(kinds)}"' if kinds else ""
+    head = f'<svg {size}{wide} role="img" aria-label="{described}">'
+    return f"{head}{f'<defs>{boxes}</defs>' if boxes else ''}{''.join(renderer.parts)}</svg>"
+
+
+def description(figure: Figure) -> str:
+    """What a figure shows in words: its title, what its panels have at their axes, and what is drawn in them."""
+    title = " ".join(text.get_text() for text in figure.texts).strip()
+    panels = [panel for panel in figure.axes if panel.get_visible()]
+    across = dict.fromkeys(label for panel in panels if (label := _plain(panel.get_xlabel())))
+    upward = dict.fromkeys(label for panel in panels for label in (_plain(panel.get_ylabel()), _plain(panel.get_title(loc="left"))) if label)
+    lines = dict.fromkeys(
+        _plain(label) for panel in panels for label in panel.get_legend_handles_labels()[1] if label and not str(label).startswith("_")
+    )
+    told = [_plain(title) or "Figure"]
+    against = f" against {', '.join(across)}" if across else ""
+    told += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
+    told += [f"Shown: {', '.join(lines)}"] if lines else []
+    return ". ".join(told) + "."
+
+
+def _plain(text: str) -> str:
+    """A label without the marks of mathematics."""
+    return " ".join(text.replace("\\mathrm", "").replace("\\dot", "").translate(str.maketrans("", "", "${}\\")).split())

@@ -1,0 +1,131 @@
+"""The page of a study: what each method found beside the truth and the paper, on what it rests, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.estimate import Outcome
+from scenarios.pages.folder import figures
+from scenarios.pages.model import Block, Bullets, Page, Prose, Section, section
+from scenarios.pages.printed import printed_blocks
+from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.tables import derived_table, estimates_table, fixed_table, levels_of_noise, tests_table
+from scenarios.pages.wording import capital, sentence, summary_sentences
+from scenarios.plots.page.named import Drawn
+from scenarios.studies.departures import choice_lines, other_flight_line, vehicle_line
+from scenarios.studies.determination.text import print_determination
+from scenarios.studies.notes import flexibility_sentences
+from scenarios.studies.published import published_remark
+from scenarios.studies.report.scattered import scattered_blocks
+from scenarios.studies.rows import Row
+from scenarios.studies.study import MethodResult, Study
+from scenarios.studies.sweep.text import print_sweep
+from scenarios.studies.text import study_summary, with_display
+from scenarios.terminal.flying_qualities import levels_line
+from scenarios.terminal.numbers import test_line
+
+SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
+LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth
+
+
+def study_page(study: Study, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a study with the figures ``drawn``."""
+    scenario, main = study.scenario, study.main
+    outcome = main.result.estimate.outcome
+    white = all(test.passed for test in main.tests)
+    tone = "open" if outcome not in SETTLED else "good" if white else "fair"
+    files = [("model", file.name, file.sha256) for file in scenario.files]
+    return Page(
+        title=capital(scenario.title),
+        kind=f"Study {scenario.name}, {main.estimation.label}",
+        verdict=outcome.value.partition(":")[0].partition(",")[0],
+        tone=tone,
+        sentence=capital(within_line(main.rows, "condensed" if scenario.condensed else "true")),
+        summary=summary_sentences(study_summary(study)),
+        warnings=tuple(sentence(line) for line in (main.result.estimate.message,) if line),
+        sections=(
+            *section("What was found", *_found(study, main)),
+            *section("Other methods", parts=tuple(_method(study, method) for method in study.methods[1:])),
+            *section("Repeated flights", *(scattered_blocks(study.repeated) if study.repeated else ())),
+            *_determined(study),
+            *section("Structures from stiff to soft", *_swept(study)),
+            *section("Figures", *figures(drawn)),
+            *section("Residuals and noise", *_evidence(study)),
+            *section("How it was made", *_made(study)),
+        ),
+        reproduction=reproduction(("flightid", "run", scenario.name, "--seed", str(study.seed)), f"Seed {study.seed}.", files),
+        created=now(),
+    )
+
+
+def within_line(rows: Sequence[Row], reference: str) -> str:
+    """How many estimates lie within two of their sigmas of what they are held against; empty where nothing is known."""
+    known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
+    if not known:
+        return ""
+    inside = sum(abs(error) <= LIMIT for error in known)
+    worst = max(known, key=abs)
+    which = "the estimate lies" if len(known) == 1 else f"{inside} of {len(known)} estimates lie"
+    if len(known) == 1:
+        return f"{which} {abs(worst):.1f} of its sigmas from the {reference} value"
+    return f"{which} within two of their sigmas of the {reference} value; the farthest is {abs(worst):.1f} off"
+
+
+def _found(study: Study, method: MethodResult) -> list[Block]:
+    scenario, estimation = study.scenario, method.estimation
+    estimate = method.result.estimate
+    flown = scenario.flown
+    remark = published_remark(estimation.published)
+    sentences = (
+        other_flight_line(scenario, estimation),
+        levels_line(method.levels, flown, method.tests) if flown is not None else "",
+        estimation.explanation,
+        f"published: {remark}" if remark else "",
+    )
+    blocks: list[Block] = [estimates_table(f"{capital(estimation.label)}: {estimate.outcome.value}", with_display(study, method.rows))]
+    blocks += [derived_table("What follows from them", method.derived)] if method.derived else []
+    return [*blocks, *(Prose(sentence(line)) for line in sentences if line)]
+
+
+def _method(study: Study, method: MethodResult) -> Section:
+    choices = Bullets(tuple(choice_lines(method.estimation.choices)))
+    told = Prose(sentence(test_line(method.tests))) if method.tests else None
+    return section(capital(method.estimation.label), *_found(study, method), told, choices)[0]
+
+
+def _determined(study: Study) -> tuple[Section, ...]:
+    found = [method.determination for method in study.methods if method.determination is not None]
+    return section("What the record determines", *printed_blocks(lambda out: print_determination(found, out))) if found else ()
+
+
+def _swept(study: Study) -> list[Block]:
+    sweep = study.sweep
+    return [] if sweep is None else printed_blocks(lambda out: print_sweep(sweep, out))
+
+
+def _evidence(study: Study) -> list[Block]:
+    blocks: list[Block] = []
+    for method in study.methods:
+        estimate, record = method.result.estimate, method.result.record
+        label = f" ({method.estimation.label})" if len(study.methods) > 1 else ""
+        units = {channel.name: channel.unit for channel in record.outputs}
+        noise = {name: (float(std), units.get(name, "1")) for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)}
+        blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
+        blocks += [levels_of_noise(f"Noise that the estimator took or found{label}", noise)]
+    return blocks
+
+
+def _made(study: Study) -> list[Block]:
+    scenario, record = study.scenario, study.record
+    vehicle = vehicle_line(scenario.flight)
+    blocks: list[Block] = [Prose(sentence(scenario.about))] if scenario.about else []
+    told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
+    blocks += [Prose(f"{told}, flown with steps of {scenario.flight.step:g} s.")]
+    if study.flexibility is not None:
+        blocks += [Prose(sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
+    blocks += [Prose(sentence(note)) for note in study.notes]
+    choices = choice_lines(scenario.choices)
+    blocks += [Prose("Chosen by this project; no source prints it, or it prints another:"), Bullets(tuple(choices))] if choices else []
+    blocks += [Prose(sentence(vehicle))] if vehicle else []
+    blocks += [fixed_table("What was held", study.main.fixed)] if study.main.fixed else []
+    return blocks

@@ -1,0 +1,66 @@
+"""The page of a watch that has ended: the last estimate, what the bank of delays says, the reference beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from scenarios.pages.model import BY_ROW, Block, Column, Page, Table, section
+from scenarios.pages.numbers import PURE, Cell, Number, estimate
+from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.tables import derived_table, estimates_table, fixed_table
+from scenarios.pages.wording import capital, sentence
+from scenarios.studies.rows import Row
+
+
+def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
+    """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows that were taken."""
+    stream, reference = content["stream"], content.get("reference")
+    outside = list(reference["outside"]) if reference else []
+    told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
+    words = f"{len(outside)} quantities lie outside their reference: {', '.join(outside)}" if outside else "every quantity agrees with its reference"
+    refined = "refined over all rows" if content["method"] != "online" else "as the stream left it"
+    ended = sentence(f"the stream ended: {stream['ended']}")
+    return Page(
+        title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
+        kind=f"Watch of {name}, low-order equivalent system, {refined}",
+        verdict="outside the reference" if outside else content["outcome_sentence"].partition(":")[0].partition(",")[0],
+        tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
+        sentence=sentence(words) if reference else sentence(told),
+        summary=(sentence(told),) if reference else (),
+        warnings=(),
+        sections=(
+            *section("What was found", *_found(content)),
+            *section("As the stream left it", *(_found(content["methods"]["online"]) if "methods" in content else ())),
+            *section("Against the reference", _differences(reference) if reference else None),
+            *section("The bank of delays", _bank(content["bank"])),
+            *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
+        ),
+        reproduction=reproduction(
+            ["flightid", "watch", name, "--model", "loes"], sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+        ),
+        created=now(),
+    )
+
+
+def _found(content: Mapping[str, Any]) -> list[Block]:
+    rows = [Row(name, each["unit"], each["estimate"], each["std"]) for name, each in content["parameters"].items()]
+    derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
+    return [estimates_table("Parameters", rows), *([derived_table("What follows from them", derived)] if derived else [])]
+
+
+def _differences(reference: Mapping[str, Any]) -> Table:
+    columns = Column("quantity"), Column("reference ± σ", BY_ROW), Column("apart", "σ"), Column("remark")
+    rows: list[tuple[Cell, ...]] = []
+    for each in reference["differences"]:
+        known = estimate(each["reference"], each["reference_std"])
+        rows.append((each["name"], known, Number(each["sigmas"], digits=1, signed=True), "outside" if each["outside"] else ""))
+    caption = f"The last estimate against {reference['study']}"
+    return Table(caption, columns, tuple(rows), tuple(each["unit"] or PURE for each in reference["differences"]))
+
+
+def _bank(bank: Mapping[str, Any]) -> Table:
+    rows = tuple(
+        (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}")) for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
+    )
+    return Table("Probability of each delay", (Column("delay", "s"), Column("probability", PURE)), rows)

@@ -1,0 +1,51 @@
+"""A lab opened in the browser as the command opens it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.browser.serving import Servers, free_port
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Locator, Page
+
+LABS = range(1, 8)
+PATIENCE = 120_000.0  # ms: the machine may be busy, and a lab computes before it shows
+
+
+def lab_address(number: int, servers: Servers, folder: Path) -> str:
+    """Serve a lab as ``flightid lab N --no-browser --port P`` does; its address."""
+    port = free_port()
+    folder.mkdir(exist_ok=True)
+    return servers.process([sys.executable, "-m", "scenarios", "lab", str(number), "--no-browser", "--port", str(port)], port, folder)
+
+
+def open_lab(page: Page, address: str, last: str) -> None:
+    """Open it and wait until a text of its last part stands there; a cell that failed says so in words of marimo's."""
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    page.get_by_text(last).first.wait_for()
+    page.locator("img").first.wait_for()
+    page.wait_for_function("() => document.readyState == 'complete' && ![...document.images].some(image => !image.complete)")
+    assert_no_failure(page)
+
+
+def assert_no_failure(page: Page) -> None:
+    """No cell shows an exception in the place of its output."""
+    failed = page.locator("text=/This cell raised an exception|An internal error occurred|An ancestor raised|Traceback/")
+    assert failed.count() == 0, failed.first.inner_text()
+
+
+def move(page: Page, label: str, key: str, times: int = 1) -> None:
+    """Move the slider that stands behind a label by the keyboard."""
+    slider = labelled(page, label).locator("[role=slider]")
+    slider.focus()
+    for _ in range(times):
+        slider.press(key)
+
+
+def labelled(page: Page, label: str) -> Locator:
+    """The element of the page that has a label."""
+    return page.locator("marimo-slider, marimo-number, marimo-radio, marimo-dropdown, marimo-checkbox").filter(has_text=label).first

@@ -1,0 +1,49 @@
+"""Lab 5 walked as its page says: a guess, the loop's evidence, the truth; and nothing of the truth before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
+
+from tests.browser.complaints import keep_picture
+from tests.browser.labs.opened import assert_no_failure, lab_address, open_lab
+from tests.browser.serving import Servers
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+
+def test_from_the_guess_to_the_truth(page: Page, servers: Servers, tmp_path: Path) -> None:
+    from flightid.labs.workings.hidden_effect import FIRST_SEED, SUSPECTS, drawn
+
+    words, values = drawn(FIRST_SEED)
+    heard: list[str] = []
+    page.on("websocket", lambda socket: socket.on("framereceived", lambda frame: heard.append(str(frame))))
+    open_lab(page, lab_address(5, servers, tmp_path), "Play five seeds")
+    show = page.get_by_role("button", name="Show the loop")
+    assert show.is_disabled()
+    assert "What the loop says" not in page.locator("body").inner_text()
+    # Neither what is shown nor what the page was sent tells the value, or which of the suspects it is.
+    assert not any(f"{value:.4g}" in text for value in values.values() for text in (page.content(), *heard))
+    counts = [page.content().count(each) for each in SUSPECTS]
+    assert page.content().count(words) in counts[:-1] and len(set(counts)) <= 2
+
+    page.get_by_text(words, exact=True).last.click()
+    page.wait_for_function("() => ![...document.querySelectorAll('marimo-button')].some(b => b.shadowRoot?.querySelector('button[disabled]'))")
+    show.click()
+    page.get_by_text("What the loop says").wait_for()
+    page.get_by_text("Open the envelope").wait_for()
+    assert "TRACED" in page.locator("body").inner_text()
+    assert "Hidden was" not in page.locator("body").inner_text()
+    keep_picture(page, "lab5_loop")
+
+    page.get_by_role("button", name="Open the envelope").click()
+    page.get_by_text("Hidden was").wait_for()
+    assert "Your guess was right" in page.locator("body").inner_text()
+    page.get_by_text("Brier score of your guesses").wait_for()
+    assert_no_failure(page)
+    keep_picture(page, "lab5_truth")

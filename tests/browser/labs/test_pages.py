@@ -1,0 +1,89 @@
+"""Each lab opens without a complaint; what is moved, answered and printed does what it says."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
+
+from tests.browser.complaints import fits, keep_picture
+from tests.browser.labs.opened import LABS, PATIENCE, assert_no_failure, lab_address, labelled, move, open_lab
+from tests.browser.serving import Servers
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+# A text of each lab's last part.
+LAST: Mapping[int, str] = {**dict.fromkeys((1, 2, 3, 4, 6), "To think about"), 5: "Play five seeds", 7: "What does the model lack?"}
+
+
+@pytest.fixture(scope="module")
+def addresses(servers: Servers, tmp_path_factory: pytest.TempPathFactory) -> dict[int, str]:
+    return {number: lab_address(number, servers, tmp_path_factory.mktemp(f"lab{number}")) for number in LABS}
+
+
+@pytest.mark.parametrize("number", LABS)
+def test_it_opens_at_both_widths(number: int, addresses: Mapping[int, str], page: Page, phone: Page) -> None:
+    for sheet, width in ((page, "wide"), (phone, "narrow")):
+        open_lab(sheet, addresses[number], LAST[number])
+        assert f"Lab {number}." in sheet.locator("h1").first.inner_text()
+        assert sheet.locator(".katex, marimo-tex").count() > 3, "no equation"
+        assert sheet.locator("img").count() > 0, "no figure"
+        assert fits(sheet)
+        keep_picture(sheet, f"lab{number}_{width}")
+
+
+def test_a_slider_moves_a_number_and_the_command_line(addresses: Mapping[int, str], page: Page) -> None:
+    open_lab(page, addresses[1], LAST[1])
+    told = page.get_by_text("One fall:").first
+    before = told.inner_text()
+    assert "499.39" in before
+    move(page, "radar noise", "ArrowRight", 2)
+    page.wait_for_function("before => !document.body.innerText.includes(before)", arg=before, timeout=PATIENCE)
+    assert told.inner_text() != before
+    assert "flight.noise_std.altitude=35 ft" in page.locator("body").inner_text()
+    assert_no_failure(page)
+
+
+def test_an_answer_is_judged(addresses: Mapping[int, str], page: Page) -> None:
+    open_lab(page, addresses[2], LAST[2])
+    field = labelled(page, "answer, flights").locator("input")
+    field.fill("2")
+    field.press("Tab")
+    page.get_by_text("Not yet.").first.wait_for()
+    field.fill("4")
+    field.press("Tab")
+    page.get_by_text("1 of 5 answers hold").wait_for()
+
+
+def test_the_command_line_gives_the_same_numbers(addresses: Mapping[int, str], page: Page, capsys: pytest.CaptureFixture[str]) -> None:
+    from scenarios.cli import main
+
+    open_lab(page, addresses[2], LAST[2])
+    text = page.locator("body").inner_text()
+    shown = re.search(r"Natural frequency ([\d.]+) ± ([\d.]+) rad/s", text)
+    assert shown is not None
+    line = page.locator("pre, code").filter(has_text="flightid run rigid").first.inner_text()
+    with pytest.raises(SystemExit) as ended:
+        main(shlex.split(line.replace("\\\n", " "))[1:])
+    assert ended.value.code == 0
+    printed = re.search(r"natural frequency ([\d.]+) \+- ([\d.]+) rad/s", capsys.readouterr().out)
+    assert printed is not None
+    assert float(printed[1]) == pytest.approx(float(shown[1]), abs=1e-4)
+
+
+def test_a_copy_of_ones_own_runs_too(servers: Servers, page: Page, tmp_path: Path) -> None:
+    import sys
+
+    from scenarios.commands.lab import copy_lab
+    from tests.browser.serving import free_port
+
+    own, port = copy_lab(1, tmp_path / "mine"), free_port()
+    command = [sys.executable, "-m", "marimo", "run", str(own), "--host", "127.0.0.1", "--port", str(port), "--headless"]
+    open_lab(page, servers.process(command, port, tmp_path), LAST[1])

@@ -1,0 +1,28 @@
+"""Every lab runs as a script, as a marimo notebook does without marimo's page."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("marimo", reason='no marimo: python -m pip install -e ".[labs]"')
+
+ROOT = Path(__file__).parents[3]
+LABS = sorted((ROOT / "flightid" / "labs").glob("lab*.py"))
+
+
+@pytest.mark.parametrize("path", LABS, ids=lambda path: path.stem)
+def test_a_lab_runs_as_a_script(path: Path, tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    run = subprocess.run([sys.executable, str(path)], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("path", LABS, ids=lambda path: path.stem)
+def test_marimo_finds_nothing_wrong_with_it(path: Path) -> None:
+    run = subprocess.run([sys.executable, "-m", "marimo", "check", "--strict", str(path)], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stdout + run.stderr
