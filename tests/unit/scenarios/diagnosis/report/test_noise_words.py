@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from scenarios.diagnosis.report.files import pictured
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.text import diagnosis_text, error_headings, error_rows
 from scenarios.diagnosis.tracing import Tracing
+from scenarios.pages.rendering import page_html
 from sim.record import Channel, Record
 from tests.diagnoses import NOISE, tracing_of
 
@@ -37,7 +37,7 @@ def test_a_white_residual_is_the_noise_floor() -> None:
 
 
 @pytest.mark.parametrize("verdict", [Verdict.PARTIAL, Verdict.UNEXPLAINED])
-def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict, tmp_path: Path) -> None:
+def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict) -> None:
     tracing = coloured(verdict)
     d = tracing.diagnosis
     assert error_headings(d)[-2:] == ("residual", "sensor noise (estimated)")
@@ -45,7 +45,7 @@ def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict, tmp_pa
     assert rows["q"][-1] == f"{NOISE['q'] / DEGREE:.3g}"
     if verdict is Verdict.PARTIAL:
         assert rows["q"][-2] == f"{2.0 * NOISE['q'] / DEGREE:.3g}"
-    for told in (diagnosis_text(tracing), diagnosis_page(tracing, [], tmp_path)):
+    for told in (diagnosis_text(tracing), page_html(diagnosis_page(tracing, []))):
         assert "noise floor" not in told and "sensor noise (estimated)" in told
     assert pictured(tracing).noise["q"] == NOISE["q"], "bands of figures are those of the noise"
 
