@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
 from scenarios.studies.report.campaign import campaign_page
-from scenarios.terminal.display_units import unit_cell
+from scenarios.terminal.display_units import shown_in, unit_cell
 from scenarios.terminal.numbers import console, number
 from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
@@ -28,7 +29,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
-    spreads = (*campaign.spreads, campaign.pooled)
+    spreads = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
     sizes = [
         Column("parameter", [s.name for s in spreads], left=True),
         Column("unit", [unit_cell(s.unit) for s in spreads], left=True),
@@ -49,6 +50,13 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
         terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
+
+
+def _shown(s: Spread) -> Spread:
+    """The same in the unit in which it is shown."""
+    factor, unit = shown_in(s.unit, s.name)
+    sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
+    return replace(s, unit=unit, **sizes)
 
 
 def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:

@@ -17,7 +17,7 @@ from scenarios.studies.repeated import Scatter
 from scenarios.studies.rows import Row
 from scenarios.studies.study import MethodResult, Study
 from scenarios.studies.sweep.text import print_sweep, sweep_phrase
-from scenarios.terminal.display_units import unit_cell
+from scenarios.terminal.display_units import is_frequency, shown_in, unit_cell
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import console, derived_line, number, test_line
 from scenarios.terminal.paragraphs import print_paragraph
@@ -149,12 +149,15 @@ def _of(each: Scatter, name: str, values: np.ndarray, digits: str) -> str:
 
 
 def with_display(study: Study, rows: Iterable[Row]) -> list[Row]:
-    """Rows, and again in another unit those that the scenario wants shown so."""
+    """Rows in the units in which they are shown, frequencies in Hz as well, and again in another unit those that the scenario wants shown so."""
     from scenarios.studies.comparison import in_unit
 
     out = []
     for row in rows:
-        out.append(row)
+        shown = shown_in(row.unit, row.name).unit
+        out.append(row if shown == row.unit else in_unit(row, shown))
+        if is_frequency(row.name, row.unit):
+            out.append(in_unit(row, "Hz"))
         if row.name in study.scenario.display:
             out.append(in_unit(row, study.scenario.display[row.name]))
     return out

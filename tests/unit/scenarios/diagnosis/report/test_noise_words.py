@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ def test_a_white_residual_is_the_noise_floor() -> None:
 
 
 @pytest.mark.parametrize("verdict", [Verdict.PARTIAL, Verdict.UNEXPLAINED])
-def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict, tmp_path: Path) -> None:
+def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict) -> None:
     tracing = coloured(verdict)
     d = tracing.diagnosis
     assert error_headings(d)[-2:] == ("residual", "sensor noise (estimated)")

@@ -1,0 +1,51 @@
+"""One display unit a quantity: figures take theirs from the table of the terminal, and a frequency is never shown in deg/s."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from scenarios.commands.libraries import show_effects
+from scenarios.files.channel_names import CHANNEL_UNITS
+from scenarios.plots.display import display_unit
+from scenarios.studies.rows import Row
+from scenarios.studies.text import with_display
+from scenarios.terminal.display_units import DEGREES, in_hertz, shown_in, told, unit_cell
+from scenarios.terminal.tables import table_lines
+from sim.effects.library import library
+
+
+def test_figures_and_tables_share_one_unit() -> None:
+    parameters = {(item.unit, item.name) for effect in library() for item in effect.parameters}
+    for unit, name in {*parameters, *((unit, name) for name, unit in CHANNEL_UNITS.items()), *((unit, "") for unit in DEGREES)}:
+        factor, shown = shown_in(unit, name)
+        drawn = display_unit(unit, name)
+        assert drawn.factor == factor
+        assert drawn.text.replace("²", "2").replace("³", "3") == (shown if unit_cell(shown) else "–"), (unit, name)
+        assert not ("frequency" in name and shown.startswith("deg"))
+
+
+def test_numbers_without_a_sigma() -> None:
+    assert told(0.00872665, "rad", "half_width") == "0.5 deg" and told(12.0, "rad/s", "omega1") == "12 rad/s (1.91 Hz)"
+    assert told(4.0, "m") == "4 m" and told(0.3, "1") == "0.3" and told(math.pi, "rad/s", "rate") == "180 deg/s"
+    assert in_hertz(1.0, "rate", "rad/s") == "" and shown_in("rad/s", "L_0") == (1.0, "rad/s"), "a load, read beside derivatives"
+
+
+def test_an_effect_is_shown_in_degrees_and_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    show_effects("input-deadband")
+    lines = capsys.readouterr().out.splitlines()
+    row = next(line for line in lines if line.strip().startswith("half_width"))
+    assert row.split()[1:3] == ["deg", "0.573"] and "from 0 up" in row and "0 to 5.73" in row
+    assert max(map(len, lines)) <= 100 and table_lines([]) == []
+
+
+def test_rows_of_a_study_are_shown_so_and_a_frequency_in_hertz_as_well() -> None:
+    rows = [Row("omega1", "rad/s", 12.0, 0.1, 12.5), Row("bias_q", "rad/s", 0.01, 0.001), Row("Cm_q", "1/rad", -3.0, 0.1)]
+    study: Any = SimpleNamespace(scenario=SimpleNamespace(display={}))
+    shown = with_display(study, rows)
+    assert [(row.name, row.unit) for row in shown] == [("omega1", "rad/s"), ("omega1", "Hz"), ("bias_q", "deg/s"), ("Cm_q", "1/rad")]
+    assert shown[1].estimate == pytest.approx(12.0 / (2.0 * math.pi)) and shown[1].sigmas == pytest.approx(rows[0].sigmas)
+    assert shown[2].std == pytest.approx(math.degrees(0.001))
