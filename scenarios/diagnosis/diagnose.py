@@ -37,8 +37,6 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     ------
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
-    from sim.effects.library import guards_for
-
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
@@ -49,7 +47,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     own, of_effects = own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
     run = (overflows := Overflows()).counted(trace or _loop())
-    guards = can_act(guards_for(posed.model.equations), posed.model)
+    guards = _guards(posed.model)
     with _witness(opened, posed, request.plan) as witness:
         diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
         part = moves_between_samples(diagnosis, candidates, posed.records)
@@ -91,6 +89,12 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
 def _may_read_again(opened: Opened, plan: Plan) -> bool:
     """Whether nobody said how inputs are to be read between samples."""
     return plan.hold is None and not any(file.sidecar.says_hold for file in (*opened.records, *opened.validation))
+
+
+def _guards(model: Model) -> tuple[Traceable, ...]:
+    from sim.effects.library import guards_for
+
+    return can_act(guards_for(model.equations), model)
 
 
 def _loop() -> Trace:
