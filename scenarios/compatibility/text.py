@@ -52,7 +52,12 @@ def check_summary(check: Check, details: str = BELOW) -> Summary:
     """Records and relations, what stands, by how much, and the noise that is left."""
     result, lines = check.result, finding_lines(check)
     samples = sum(len(record) for record in check.records)
-    standing = {finding.name: finding for finding in result.findings if finding.stands}
+    said: set[str] = set()
+    standing: list[str] = []
+    for finding in result.findings:
+        if finding.stands and finding.name not in said:
+            said |= {finding.name, *finding.group}
+            standing.append(" or ".join((finding.name, *finding.group)))
     told = [line.removeprefix("stands: ") for line in lines if line.startswith("stands")]
     named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"
     checked = f"kinematics of {', '.join(result.relations)}" if result.relations else "the channels close no relation"

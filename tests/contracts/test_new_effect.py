@@ -66,7 +66,7 @@ def test_it_is_offered_and_listed(one_new_file: Path, capsys: pytest.CaptureFixt
     assert NAME in capsys.readouterr().out
     show_effects(NAME)
     told = capsys.readouterr().out
-    assert "sensor path" in told and "upwash" in told and "plausible -1 to 1" in told
+    assert "sensor path" in told and "upwash" in told and "plausible" in told and "  -1 to 1" in told
 
 
 def test_it_is_screened_and_claimed(traced: Tracing) -> None:

@@ -17,6 +17,7 @@ from scenarios.diagnosis.report.files import pictured
 from scenarios.diagnosis.report.page import diagnosis_page
 from scenarios.diagnosis.report.text import diagnosis_text, error_headings, error_rows
 from scenarios.diagnosis.tracing import Tracing
+from scenarios.pages.rendering import page_html
 from sim.record import Channel, Record
 from tests.diagnoses import NOISE, tracing_of
 
@@ -45,7 +46,7 @@ def test_of_a_coloured_residual_the_noise_is_told_apart(verdict: Verdict, tmp_pa
     assert rows["q"][-1] == f"{NOISE['q'] / DEGREE:.3g}"
     if verdict is Verdict.PARTIAL:
         assert rows["q"][-2] == f"{2.0 * NOISE['q'] / DEGREE:.3g}"
-    for told in (diagnosis_text(tracing), diagnosis_page(tracing, [], tmp_path)):
+    for told in (diagnosis_text(tracing), page_html(diagnosis_page(tracing, []))):
         assert "noise floor" not in told and "sensor noise (estimated)" in told
     assert pictured(tracing).noise["q"] == NOISE["q"], "bands of figures are those of the noise"
 
