@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Verdict
@@ -21,6 +21,8 @@ from scenarios.files.vehicles import refuse_unknown_model
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Hold
 
 
@@ -90,7 +92,7 @@ def _may_read_again(opened: Opened, plan: Plan) -> bool:
     return plan.hold is None and not any(file.sidecar.says_hold for file in (*opened.records, *opened.validation))
 
 
-def _guards(model: Model) -> tuple[Traceable, ...]:
+def _guards(model: Model) -> Sequence[Traceable]:
     from sim.effects.library import guards_for
 
     return can_act(guards_for(model.equations), model)
