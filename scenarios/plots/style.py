@@ -242,7 +242,7 @@ def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
 
 def _fitted_label(panel: Axes, room: float) -> None:
     """Make the label up the side smaller where it would reach into the next panel's."""
-    points = panel.yaxis.label.get_fontsize()
+    points = float(panel.yaxis.label.get_fontsize())
     wide = text_width(panel.get_ylabel(), points)
     if wide > room:
         panel.yaxis.label.set_fontsize(max(_SMALLEST, points * room / wide))
