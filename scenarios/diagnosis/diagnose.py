@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ident.tracing.diagnosis import Verdict
@@ -21,6 +21,8 @@ from scenarios.files.vehicles import refuse_unknown_model
 from scenarios.preparation.plan import WHOLE, Plan
 from scenarios.preparation.request import Request
 from scenarios.preparation.vehicle_model import step_for
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
 from sim.record import Hold
 
 
@@ -36,8 +38,6 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     ------
     FlightidError : anything in the files that keeps them from being used, in one line.
     """
-    from sim.effects.library import guards_for
-
     refuse_unknown_model(request.model, "--model")
     usual = settings_of(request.effort)
     refuse_twice([*request.records, *request.validate], "name each record once, for the fit or for --validate")
@@ -48,7 +48,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     own, of_effects = own_effects(request.effects, posed.model)
     candidates = candidates_for(posed.model, own)
     run = (overflows := Overflows()).counted(trace or _loop())
-    guards = can_act(guards_for(posed.model.equations), posed.model)
+    guards = _guards(posed.model)
     with _witness(opened, posed, request.plan) as witness:
         diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
         part = moves_between_samples(diagnosis, candidates, posed.records)
@@ -90,6 +90,12 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
 def _may_read_again(opened: Opened, plan: Plan) -> bool:
     """Whether nobody said how inputs are to be read between samples."""
     return plan.hold is None and not any(file.sidecar.says_hold for file in (*opened.records, *opened.validation))
+
+
+def _guards(model: Model) -> Sequence[Traceable]:
+    from sim.effects.library import guards_for
+
+    return can_act(guards_for(model.equations), model)
 
 
 def _loop() -> Trace:

@@ -44,6 +44,7 @@ ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_SMALLEST = 6.0  # points, of a label that has little room
 _MOST = 8, 5  # numbers at an axis, along and up
 _BOLD = 1.1  # how much wider bold letters are
 
@@ -142,6 +143,9 @@ def finish(sheet: Sheet, title: str = "", *, bottom: float = 0.5, head: float = 
         if len(row) > 0 and row[0].get_ylabel():
             for panel in row:
                 panel.yaxis.set_label_coords(-(0.56 if panel is row[0] else 0.48) / (panel.get_position().width * WIDTH), 0.5)
+    for row_height, row in zip(sheet.heights, sheet.axes, strict=True):
+        for panel in row:
+            _fitted_label(panel, row_height + 0.9 * sheet.row_gap)
     draw_title(figure, title, WIDTH, height)
     if handles:
         drawn = figure.legend(
@@ -234,6 +238,14 @@ def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
         locator = axis.get_major_locator()
         if isinstance(locator, MaxNLocator):
             locator.set_params(nbins=most)
+
+
+def _fitted_label(panel: Axes, room: float) -> None:
+    """Make the label up the side smaller where it would reach into the next panel's."""
+    points = float(panel.yaxis.label.get_fontsize())
+    wide = text_width(panel.get_ylabel(), points)
+    if wide > room:
+        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * room / wide))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:

@@ -117,7 +117,7 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
         panel.set_ylim(max(bottom, 1e-2), min(max(top, 10.0), 1e6))
         decades(panel.xaxis, (1.0, 2.0, 5.0))
         decades(panel.yaxis)
-        y_label(panel, f"{symbol(name)} power / noise (–)")
+        y_label(panel, f"{symbol(name)}: power / noise (–)")
     sheet.panels[-1].set_xlabel("frequency (Hz)", fontsize=LABEL_SIZE)
     return finish(sheet, title, head=0.12)
 

@@ -12,7 +12,7 @@ from scenarios.studies.sweep.sweep import Sweep
 
 # Axis, legend, and what is drawn to scale.
 LABELS = {
-    "likelihood": ("BIC gain of an elastic mode", "from here on a mode is likelier (BIC)", (-100.0, 300.0)),
+    "likelihood": ("BIC gain of an elastic mode (–)", "from here on a mode is likelier (BIC)", (-100.0, 300.0)),
     "whiteness": (r"$\log_{10}$ p(residual white)", "the residual is not white", (-20.0, 0.0)),
     "misfit": (r"$\log_{10}$ (misfit / noise)", "no rigid model fits to the noise", (-math.inf, math.inf)),
 }
