@@ -69,7 +69,12 @@ def test_what_cannot_be_opened_is_refused_in_one_line(flightid: CommandLine, mon
 
 def test_it_is_served_to_this_machine_alone(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     called: list[list[str]] = []
-    monkeypatch.setattr("scenarios.commands.lab.subprocess.call", lambda line: called.append(line) or 0)
+
+    def call(line: list[str]) -> int:
+        called.append(line)
+        return 0
+
+    monkeypatch.setattr("scenarios.commands.lab.subprocess.call", call)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     monkeypatch.chdir(tmp_path)
     flightid.done("lab", 1, "--no-browser")

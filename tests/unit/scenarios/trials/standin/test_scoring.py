@@ -23,6 +23,7 @@ from scenarios.trials.standin.declaration import Causes
 from scenarios.trials.standin.flights.drawing import Dominant, draw, hiding
 from scenarios.trials.standin.flights.flight import Flight
 from scenarios.trials.standin.flights.flying import fly_drawn
+from scenarios.trials.standin.page import campaign_page
 from scenarios.trials.standin.schema import standin_of
 from scenarios.trials.standin.study import Naming, StandInStudy, acts, naming, scored
 from scenarios.trials.standin.text import standin_text
@@ -158,7 +159,7 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     text = campaign_text(short(EVERY), judged, "seeds 7 to 8")
     assert "2 flights, seeds 7 to 8" in text and "2 of 2" in text
     assert "seed 7: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
-    write_campaign(short(EVERY), judged, tmp_path / "c", {"first_seed": 7, "runs": 2})
+    write_campaign(short(EVERY), judged, tmp_path / "c", {"first_seed": 7, "runs": 2}, campaign_page(short(EVERY), judged, "seeds 7 to 8"))
     assert (tmp_path / "c" / "campaign.json").is_file()
     row = next(csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines()))
     assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == ("7", "partial", "", "sensor-lag:alpha + sensor-scale:nz")
