@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from scenarios.plots.display import display_unit, symbol
 from scenarios.plots.style import (
@@ -59,6 +59,7 @@ def figure_residual(
         unit = display_unit(units[name])
         row[0].plot(time, unit.factor * values, color=BLUE, linewidth=0.6)
         row[0].axhspan(-2 * unit.factor * noise[name], 2 * unit.factor * noise[name], color=SKY, alpha=0.3, linewidth=0, label="±2σ of the noise")
+        row[0].xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         y_label(row[0], f"{symbol(name)} ({unit.text})")
         _draw_power(row[1], time, values, noise[name], marks)
         rho = autocorrelation(values, _LAGS)

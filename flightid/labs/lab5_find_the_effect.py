@@ -63,9 +63,8 @@ def _(lab, mo, page):
 def _(lab, mo):
     seed = mo.ui.number(1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each draws another secret")
     get_locked, set_locked = mo.state(None)
-    get_opened, set_opened = mo.state(None)
     get_rounds, set_rounds = mo.state(())
-    return get_locked, get_opened, get_rounds, seed, set_locked, set_opened, set_rounds
+    return get_locked, get_rounds, seed, set_locked, set_rounds
 
 
 @app.cell
@@ -149,13 +148,14 @@ def _(flown, get_locked, lab, mo, page, seed):
         for name in found.error_before
     ]
     _effects = [
-        f"- **{effect.name}**: {effect.sentence}" + (f" (these data fit as well: {', '.join(effect.alternatives)})" if effect.alternatives else "")
+        f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
+        + (f" (these data fit as well: {page.plain(', '.join(effect.alternatives))})" if effect.alternatives else "")
         for effect in found.effects
     ]
     mo.vstack(
         [
             mo.md(f"## 4. What the loop says\n\nYou said: **{guessed}** ({sureness} % sure)."),
-            mo.callout(mo.md(f"**{found.verdict.upper()}.** {found.headline}\n\n" + "\n".join(_effects)), kind="info"),
+            mo.callout(mo.md(f"**{found.verdict.upper()}.** {page.plain(found.headline)}\n\n" + "\n".join(_effects)), kind="info"),
             page.picture(found.plot.evidence(), "gain in likelihood of the candidates of each round"),
             page.picture(found.plot.residuals(), "residuals before and after"),
             mo.md("Error on the record that was **not** fitted, over that of noise alone:"),
@@ -172,27 +172,20 @@ def _(flown, get_locked, lab, mo, page, seed):
 
 
 @app.cell
-def _(found, guessed, lab, mo, seed, set_opened, set_rounds, sureness):
+def _(found, mo):
     _ = found
-
-    def _open(_):
-        set_opened(seed.value)
-        _right = guessed == lab.drawn(seed.value)[0]
-        set_rounds(
-            lambda rounds: (
-                *(each for each in rounds if each[0] != seed.value),
-                (seed.value, guessed, sureness, _right, lab.found_by_loop(seed.value)),
-            )
-        )
-
-    mo.vstack([mo.md("## 5. The truth"), mo.ui.button(label="Open the envelope", kind="warn", on_click=_open)])
-    return
+    envelope = mo.ui.button(value=0, on_click=lambda presses: presses + 1, label="Open the envelope", kind="warn")
+    mo.vstack([mo.md("## 5. The truth"), envelope])
+    return (envelope,)
 
 
 @app.cell
-def _(found, get_opened, guessed, lab, mo, page, seed):
-    mo.stop(get_opened() != seed.value)
+def _(envelope, found, guessed, lab, mo, page, seed, set_rounds, sureness):
+    mo.stop(not envelope.value)
     _words, _values = lab.drawn(seed.value)
+    # One round a seed: who opens it again has seen it.
+    _round = (seed.value, guessed, sureness, guessed == _words, lab.found_by_loop(seed.value))
+    set_rounds(lambda rounds, new=_round: rounds if any(each[0] == new[0] for each in rounds) else (*rounds, new))
     _claimed = {effect.name: effect for effect in found.effects}.get(lab.SUSPECTS[_words].name)
     _rows = [
         [

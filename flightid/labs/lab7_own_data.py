@@ -6,12 +6,14 @@ app = marimo.App(width="medium", app_title="Lab 7: bring your own data")
 
 @app.cell
 def _():
+    from functools import partial
+
     import marimo as mo
 
     from flightid.labs import page
     from flightid.labs.workings import own_data as lab
 
-    return lab, mo, page
+    return lab, mo, page, partial
 
 
 @app.cell
@@ -102,7 +104,7 @@ def _(channels, lab, mo, page, source, uploads, vehicle):
     mo.stop(not _files, mo.callout(mo.md("No file yet."), kind="neutral"))
     given, _refused = lab.tried(lambda: lab.kept(_files, vehicle.value, channels.value))
     _records, _error = lab.tried(lambda: lab.read(given)) if given else (None, _refused)
-    mo.stop(bool(_error), mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger"))
+    mo.stop(bool(_error), mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
     mo.vstack(
         [
             mo.md("## 2. What was read"),
@@ -119,9 +121,9 @@ def _(given, lab, mo, page):
     mo.vstack(
         [
             mo.md("## 3. The sensors, before any model"),
-            mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger")
+            mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")
             if _check is None
-            else mo.md("\n".join(f"- {line}" for line in (*_check.sentences, *_check.warnings)) or "The kinematics find nothing to say."),
+            else mo.md("\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings)) or "The kinematics find nothing to say."),
             page.picture(_check.plot.reconstruction(), "measured channels against those that the kinematics reconstruct")
             if _check is not None and _check.details.result.reconstructions
             else mo.md(""),
@@ -140,7 +142,7 @@ def _(given, lab, mo, page):
 def _(given, lab, mo, model, page):
     _found, _error = lab.tried(lambda: lab.identified(given, model.value))
     if _found is None:
-        _shown = [mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger")]
+        _shown = [mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")]
     else:
         _shown = [
             page.table(
@@ -150,7 +152,7 @@ def _(given, lab, mo, model, page):
                     for p in _found.parameters.values()
                 ],
             ),
-            mo.md(f"Outcome: {_found.outcome}." + "".join(f"\n- {line}" for line in (*_found.warnings, *_found.notes))),
+            mo.md(f"Outcome: {_found.outcome}." + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
             page.picture(_found.plot.fit(), "measured and fitted outputs with what is left"),
         ]
     mo.vstack(
@@ -184,19 +186,19 @@ def _(given, mo):
 
 
 @app.cell
-def _(ask, given, lab, mo, model, page):
+def _(ask, given, lab, mo, model, page, partial):
     mo.stop(not ask.value)
     with mo.status.spinner(title="Tracing what the residual comes from"):
         _found, _error = lab.tried(lambda: lab.diagnosed(given, model.value))
-    mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {_error}"), kind="danger"))
-    _effects = [f"- **{effect.name}**: {effect.sentence}" for effect in _found.effects]
+    mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
+    _effects = [f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}" for effect in _found.effects]
     mo.vstack(
         [
-            mo.callout(mo.md(f"**{_found.verdict.upper()}.** {_found.headline}\n\n" + "\n".join(_effects)), kind="info"),
+            mo.callout(mo.md(f"**{_found.verdict.upper()}.** {page.plain(_found.headline)}\n\n" + "\n".join(_effects)), kind="info"),
             page.picture(_found.plot.prediction(), "what was held out: measured and predicted, before and after"),
             page.picture(_found.plot.derivatives(), "parameters before and after"),
-            mo.md("\n".join(f"- {line}" for line in (*_found.warnings, *_found.notes))),
-            mo.download(lambda: lab.report(_found), filename="report.html", mimetype="text/html", label="Download the report"),
+            mo.md("\n".join(f"- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
+            mo.download(partial(lab.report, _found), filename="report.html", mimetype="text/html", label="Download the report"),
             page.command_line(
                 "flightid diagnose "
                 + " ".join(path.name for path in given.records)

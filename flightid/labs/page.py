@@ -36,6 +36,11 @@ def picture(figure: Figure, told: str) -> Any:
     return mo.image(figure_png(figure), alt=told, style={"width": "100%", "max-width": "770px"})
 
 
+def plain(text: str) -> str:
+    """A sentence of the library as Markdown shows it letter by letter: names such as ``sensor-lag:q`` hold no emoji."""
+    return text.replace(":", "&#58;").replace("*", "\\*").replace("_", "\\_")
+
+
 def command_line(line: str, what: str = "The same on the command line") -> Any:
     """A command that a student may copy."""
     return mo.md(f"{what}:\n\n```sh\n{line}\n```")

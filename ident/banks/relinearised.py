@@ -23,9 +23,10 @@ from sim.record import Record
 REACH = 4  # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
 SHARPER = 0.5  # of the sigma when last linearised: a curvature that was of no account over that is of less over this
 MOVED = 1.0  # sigmas when last linearised: within one the quadratic term is a small part of the linear one
-GROWN = 1.25  # of the rows when last linearised: all refinements together then cost five times the last one
 COARSE = 0.5  # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
 EDGE = 0.01  # likelihood of the outermost filter: above, the grid stands aside
+WIDER = 1.25  # times the sigma that all rows give: rows that give no more hold nearly two thirds of the information
+CONTRADICTED = 2.0  # sigmas
 SETTLED = 0.1  # sigmas within which iterated filters count as settled
 ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are not this far apart
 
@@ -95,14 +96,30 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
 
 
 def due(current: Relinearised, names: Sequence[str]) -> bool:
-    """Whether the filters should be linearised again: more rows, and these parameters much sharper, or moved. Constant terms need not be among
+    """Whether the filters should be linearised again: these parameters have become much sharper, or moved. Constant terms need not be among
     them: they act alike wherever the filters are linearised."""
-    if current.state.rows_seen < GROWN * current.rows:
-        return False
     mean, covariance = joint(current.bank, current.state)
     at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
     std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
     return bool(np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before))
+
+
+def weighed(current: Relinearised | None, found: Relinearised | None, names: Sequence[str]) -> Relinearised | None:
+    """Which of the two goes on, where ``found`` comes from the last rows alone.
+
+    It does if these parameters are hardly less sharp by it: then these rows hold what is known. Else the current one does, which was linearised
+    over other rows; where the two contradict each other by more than two of the new sigmas its deviations span both.
+    """
+    if found is None or current is None:
+        return current if found is None else found
+    at = [found.bank.names.index(name) for name in names]
+    mean, covariance = joint(current.bank, current.state)
+    std = np.sqrt(np.diagonal(covariance))
+    if np.all(found.std[at] <= WIDER * std[at]):
+        return found
+    off = np.abs(mean - found.mean)[:-1]
+    apart = np.where(off > CONTRADICTED * found.std[:-1], np.maximum(off, current.apart), current.apart)
+    return replace(current, rows=current.state.rows_seen, mean=mean, std=std, apart=apart)
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:

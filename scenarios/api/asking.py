@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 from scenarios.api.records.in_memory import numbered_apart
 from scenarios.api.records.opening import Choices, choices_of, opened_source
@@ -18,7 +18,7 @@ from scenarios.preparation.plan import Plan, plan_of
 from scenarios.preparation.request import Request
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
-from sim.errors import RecordError
+from sim.errors import DeclarationError, RecordError
 
 Source = str | PathLike[str] | Record | Any  # a record, or whatever `read_record` takes
 Declared = str | PathLike[str] | Model  # a model's name, the path of a Python file that holds one of your own, or that model itself
@@ -72,15 +72,22 @@ def model_of(given: Declared) -> str | OwnModel:
 
 def effects_of(given: str | PathLike[str] | Sequence[Traceable] | None) -> Path | tuple[Traceable, ...] | None:
     """Effects of a user's own, or the path of their file."""
-    if given is None:
-        return None
-    return Path(given) if isinstance(given, str | PathLike) else tuple(given)
+    if given is None or isinstance(given, str | PathLike):
+        return None if given is None else Path(given)
+    if not isinstance(given, list | tuple):
+        raise DeclarationError(f"a {type(given).__name__} is no list of effects", where="effects", remedy="give a list of them, or a file's path")
+    return tuple(given)
 
 
 def _times(given: Times) -> list[float] | None:
+    """Times as the plan takes them. Raises DeclarationError for what is no number."""
     if given is None:
         return None
-    return [float(each) for each in given] if isinstance(given, Sequence) else [float(given)]
+    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    for each in several:
+        if isinstance(each, bool | str) or not isinstance(each, SupportsFloat):
+            raise DeclarationError(f"{each!r:.60} is no time", where="start, stop", remedy="give a number in s, or a list of them")
+    return [float(each) for each in several]
 
 
 def _listed(given: Source | Sequence[Source]) -> list[Source]:

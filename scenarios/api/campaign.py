@@ -12,7 +12,7 @@ import numpy as np
 from scenarios.api.running import KEPT, LOOP
 from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
-from scenarios.api.study import Settings, changes_of
+from scenarios.api.study import Settings, changes_of, seed_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
 from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
@@ -108,13 +108,15 @@ def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, s
     InputError : there is no such scenario or method, or it is none of estimators.
     """
     text = str(name)
+    if isinstance(runs, bool) or not isinstance(runs, int) or runs < 2:
+        raise DeclarationError(f"{runs!r:.60} runs", where="runs", remedy="give a whole number, two or more")
     kind = scenario_kind(text) if text not in LOOP else "the tracing loop"
     if kind != IDENTIFICATION:
         what = f"{text} is a campaign of {kind}, and only those of estimators are run from Python"
         raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
     scenario = load_scenario(text, changes_of(set))
     with named_after(scenario_file(text)):
-        return Campaign(campaigns.fly_campaign(scenario, runs, seed, method or "main"))
+        return Campaign(campaigns.fly_campaign(scenario, runs, seed_of(seed), method or "main"))
 
 
 def _cell(value: Any) -> str:

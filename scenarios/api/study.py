@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from scenarios.api.shown.report import write_report
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import formats_wanted
 from scenarios.studies.catalogue import IDENTIFICATION, scenario_file, scenario_kind
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     import control
@@ -165,7 +167,7 @@ def run(
     ------
     InputError : there is no such scenario, or a key or value in it is wrong.
     """
-    text = str(name)
+    text, seed = str(name), seed_of(seed)
     kind = scenario_kind(text)
     runner = LOADERS[kind](text, changes_of(set))
     with named_after(scenario_file(text)):
@@ -174,7 +176,14 @@ def run(
 
 def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Settings = None) -> Flight:
     """The records of a scenario without its truth, and the vehicle that goes with them: ``flightid simulate`` in Python; parameters as in ``run``."""
-    return flown(str(name), seed, changes_of(set))
+    return flown(str(name), seed_of(seed), changes_of(set))
+
+
+def seed_of(given: Any) -> int | None:
+    """The seed. Raises DeclarationError for what is none."""
+    if given is not None and (isinstance(given, bool) or not isinstance(given, Integral) or given < 0):
+        raise DeclarationError(f"{given!r:.60} is no seed", where="seed", remedy="give a whole number, zero or more")
+    return None if given is None else int(given)
 
 
 def changes_of(settings: Settings) -> list[str]:

@@ -98,12 +98,19 @@ def vehicle(source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = N
     if isinstance(source, Vehicle | Mapping):
         content = source.content if isinstance(source, Vehicle) else source
         return Vehicle(_over(content, numbers))
-    text = str(source)
-    if isinstance(source, str) and not text.endswith(".toml") and "/" not in text and not Path(text).is_file():
-        return Vehicle(_over(_of_library(text), numbers))
-    read = read_toml_source(Path(source))
+    path = _path_of(source)
+    if isinstance(source, str) and not source.endswith(".toml") and "/" not in source and not path.is_file():
+        return Vehicle(_over(_of_library(source), numbers))
+    read = read_toml_source(path)
     content = toml_of(read)
     return Vehicle(_over(content, numbers)) if numbers else Vehicle(content, read)
+
+
+def _path_of(given: Any) -> Path:
+    if not isinstance(given, str | PathLike):
+        remedy = "give a file's path, a name of the library, or its numbers"
+        raise DeclarationError(f"a {type(given).__name__} is no vehicle", where="vehicle", remedy=remedy)
+    return Path(given)
 
 
 def source_of(given: Any, model: str) -> Source | None:
@@ -186,8 +193,7 @@ def toml_value(value: Any, key: Any) -> str:
     try:
         number = float(value)
     except (TypeError, ValueError):
-        where = f"vehicle, key {key}"
-        raise DeclarationError(f"a {type(value).__name__} has no place in a vehicle file", where=where, remedy="give a number or a text") from None
+        raise DeclarationError(f"a {type(value).__name__} is no value", where=f"key {key}", remedy="give a number or a text") from None
     return repr(number) if math.isfinite(number) else {math.inf: "inf", -math.inf: "-inf"}.get(number, "nan")
 
 

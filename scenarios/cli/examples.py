@@ -11,11 +11,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid list rigid > mine.toml", "the file of a scenario, to copy and edit"),
     ),
     "run": (
-        ("flightid run rigid", "simulate, identify, compare with the truth"),
-        ("flightid run mine.toml --seed 3 --set flight.rate=50 --out study", "an edited copy, with another seed and sampling, into a folder"),
-        ("flightid run mine.toml rigid --out studies", "several, each into a folder of its own"),
+        ("flightid run rigid --out study", "simulate, identify, compare with the truth, into a folder"),
+        ("flightid run mine.toml --seed 3 --set flight.rate=50 --out edited", "an edited copy, with another seed and sampling"),
     ),
-    "compare": (("flightid compare study studies/rigid", "studies side by side, from their folders"),),
+    "compare": (("flightid compare study edited", "studies side by side, from their folders"),),
     "simulate": (
         ("flightid simulate rigid --seed 3 --out rigid.csv", "a record as a flight test would hand it over"),
         ("flightid simulate trace-vane --out flight.csv", "two records with something hidden in them, and a vehicle file"),
@@ -42,6 +41,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
         ("flightid predict fit flight_validate.csv", "the model of a study on a record that it has not seen"),
         ("flightid predict cause flight_validate.csv --out prediction", "with the effects that were claimed, into a folder"),
     ),
+    "report": (("flightid report study edited", "the pages of study folders again, with nothing computed"),),
     "check": (("flightid check flight.csv --vehicle flight_vehicle.toml", "what the kinematics alone say of the sensors"),),
     "watch": (
         ("flightid simulate x29-simulation --out stream.csv", "a record of the closed loop, which stands for a stream"),

@@ -29,8 +29,7 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
 
     Parameters
     ----------
-    request : the files and how they are read. Without any to validate on, the last of several records is held out, and the last part of
-        a single one (``split_off``).
+    request : the files and how they are read. With none to validate on, the last of several records, or the last part of one, is held out.
     progress : told the stage and the share done, 0 to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises

@@ -59,7 +59,7 @@ def _told(folder: Path) -> tuple[dict[str, str], bool]:
     content = content if isinstance(content, dict) else {}
     units = content.get("units", {})
     told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN
+    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (folder / "truth.json").is_file()
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``: whole clauses that fill three quarters of the room, else whole words; dots for the rest."""
+    """One line of ``width`` characters behind ``label``, with dots for what has no room: whole clauses if they fill most of it, else whole words."""
     limit = max(width - len(label), 1)
     clause = text.rfind("; ", 0, limit - 3)
     if len(text) > limit and clause > 0.75 * limit:

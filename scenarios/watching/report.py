@@ -19,7 +19,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     outside = list(reference["outside"]) if reference else []
     told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
     words = f"{len(outside)} quantities lie outside their reference: {', '.join(outside)}" if outside else "every quantity agrees with its reference"
-    refined = "refined over all rows" if content["method"] != "online" else "as the stream left it"
+    refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(content["method"], "refined over all rows")
     ended = sentence(f"the stream ended: {stream['ended']}")
     return Page(
         title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
@@ -28,7 +28,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
         sentence=sentence(words) if reference else sentence(told),
         summary=(sentence(told),) if reference else (),
-        warnings=(),
+        warnings=tuple(content.get("warnings", ())),
         sections=(
             *section("What was found", *_found(content)),
             *section("As the stream left it", *(_found(content["methods"]["online"]) if "methods" in content else ())),
@@ -36,9 +36,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
             *section("The bank of delays", _bank(content["bank"])),
             *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
         ),
-        reproduction=reproduction(
-            ["flightid", "watch", name, "--model", "loes"], sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
-        ),
+        reproduction=reproduction(["flightid", "watch", name, "--model", "loes"], ended, [("rows", name, digest)]),
         created=now(),
     )
 

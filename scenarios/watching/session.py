@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
 from ident.banks.other_starts import Ends, bank_of_starts, ends_of, moved_starts, spread_of
-from ident.banks.relinearised import GROWN, Relinearised, along, due, linearise, on_a_grid_that_fits, told_enough
+from ident.banks.relinearised import Relinearised, along, due, linearise, on_a_grid_that_fits, told_enough, weighed
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.watching.rows import OUTPUTS
@@ -27,7 +27,9 @@ BEGINNING = 2.0  # s that are collected before the filter starts
 FEWEST = 40  # rows of it
 SPIKE = 30.0  # standard deviations of the innovation
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")  # what a vehicle file gives a start of
-RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing; later the estimate has long been near
+RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
+GROWN = 1.25  # of the rows at the last attempt: all of them together then cost five times the last one
+STEADY = 20  # rows over which the stick should not have moved before a part of a record begins: the longest delay and the lag
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
@@ -50,7 +52,8 @@ class Session:
 
     ``taken`` are blocks of rows ``(5, n)`` in the order time, stick, alpha, q, nz as they came, spikes NaN once the filter left them out.
     ``system``, ``bank``, ``state`` and ``offsets`` are there once the filter has started; ``others`` is the bank of other starts with its
-    state, ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``: the rows at the last attempt.
+    state, ``last`` the last step. ``refine``: whether the bank is linearised anew on its way; ``tried``: the rows at the last attempt,
+    which began with the row ``first``.
     """
 
     vehicle: VehicleFile
@@ -67,6 +70,7 @@ class Session:
     others_state: BankState | None = None
     refined: Relinearised | None = None
     tried: int = 0
+    first: int = 0
     second: float = -math.inf
     last: Step | None = None
 
@@ -162,28 +166,57 @@ def _refined(session: Session, states: list[BankState], ends: Ends, given: Rows)
             if session.refined is not None:
                 session.refined = on_a_grid_that_fits(session.refined)
             if _wanted(session, states[row]):
-                session.tried = states[row].rows_seen
-                session.refined = _linearised(session, states[row], ends.mean[row].T) or session.refined
+                session.tried, before = states[row].rows_seen, session.first
+                found = _linearised(session, states[row], ends.mean[row].T)
+                same = session.refined is None or session.first == before
+                session.refined = found if same and found is not None else weighed(session.refined, found, STARTED)
         out += [*passed[:-1], session.refined]
     return out
 
 
 def _wanted(session: Session, state: BankState) -> bool:
     assert session.bank is not None
-    if state.rows_seen < GROWN * session.tried:
+    if state.rows_seen - session.first < GROWN * (session.tried - session.first):
         return False
     if session.refined is None:
         return told_enough(session.bank, state, STARTED)
-    return state.rows_seen <= RELINEARISED_ROWS and due(session.refined, STARTED)
+    return due(session.refined, STARTED)
 
 
 def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:
-    """Over the rows up to a state, the last so many; those before them told nothing."""
+    """Over the rows up to a state, of many the last, from where the aircraft was steady."""
     assert session.bank is not None
-    record = record_of(session)
-    first = max(0, state.rows_seen - RELINEARISED_ROWS)
+    record, last = record_of(session), state.rows_seen
+    if last - session.first > RELINEARISED_ROWS:
+        earliest = last - RELINEARISED_ROWS
+        session.first = onset(record, earliest) if session.refined is None else steadiest(record, earliest, last - RELINEARISED_ROWS // 2)
+    first = session.first
     record = less(record.window(float(record.time[first]), state.time), session.offsets)
-    return linearise(record, filter_system(record, session.vehicle, noise_levels(record)), session.bank, state, elsewhere)
+    system = filter_system(record, session.vehicle, noise_levels(record))
+    if first:
+        levels: dict[str, float] = {
+            name: float(record[name].values[0]) for name in ("alpha", "q") if name in record.output_names and record[name].valid[0]
+        }
+        system = replace(system, initial=system.initial.with_values(levels))
+    return linearise(record, system, session.bank, state, elsewhere)
+
+
+def onset(record: Record, first: int) -> int:
+    """The row a second's worth before the stick first moves from ``first`` on by a twentieth of what it ever does."""
+    stick = record["stick"].values[first:]
+    away = np.abs(stick - np.median(stick))
+    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST)
+
+
+def steadiest(record: Record, first: int, last: int) -> int:
+    """The row from ``first`` to before ``last`` at which the stick has moved and the aircraft pitches least, in shares of their largest."""
+    stick, pitching = record["stick"].values, np.zeros(len(record))
+    if "q" in record.output_names:
+        pitching = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
+    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY), axis=1)
+    rows = np.arange(max(first, STEADY - 1), last)
+    largest = [max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12) for values in (stick, pitching)]
+    return int(rows[np.argmin(moved[rows - STEADY + 1] / largest[0] + pitching[rows] / largest[1])])
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:

@@ -120,7 +120,11 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
         fixed["delay"] = (float(session.bank.delays[session.state.best]), DERIVED_UNITS["delay"])
     derived = {name: pair for name, pair in online.derived.items() if name not in online.hanging}
     content = estimate_content(estimate, tuple(row for row in rows if row.name not in online.hanging), derived, fixed, ())
-    return {**content, "start_dependent": sorted(online.hanging)} if online.hanging else content
+    if not online.hanging:
+        return content
+    names = sorted(online.hanging)
+    warning = f"another start within its prior would have led elsewhere: {', '.join(names)} hang on the start, and no number is told"
+    return {**content, "start_dependent": names, "warnings": [warning]}
 
 
 def rows_of(names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]) -> tuple[Row, ...]:

@@ -14,6 +14,7 @@ from scenarios.api.records.in_memory import file_of_columns
 from scenarios.files.channels import read_channel_map
 from scenarios.files.measured.record_file import RecordFile, read_record_file
 from scenarios.preparation.plan import plan_of
+from sim.errors import DeclarationError
 from sim.record import Hold
 
 Units = Mapping[str, str]
@@ -44,12 +45,15 @@ def opened_source(
     return file, told.inputs
 
 
-def choices_of(channels: Choices | None, units: Units | None = None) -> Path | dict[str, Any] | None:
-    """A channel map as files have it, with ``units`` that were told of columns and not of channels; or its path."""
+def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:
+    """A channel map as files have it, with ``units`` that were told of columns and not of channels; or its path. Raises DeclarationError."""
     if channels is None:
         return None
-    if not isinstance(channels, Mapping):
+    if isinstance(channels, str | PathLike):
         return Path(channels)
+    if not isinstance(channels, Mapping):
+        what = f"a {type(channels).__name__} is no channel map"
+        raise DeclarationError(what, where="channels", remedy='give {"alpha": "HEADER", ...} or the path of a map')
     return {key: _entry(value, units or {}) for key, value in channels.items()}
 
 

@@ -34,19 +34,18 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
 
 def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
-    from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar
-    from scenarios.trials.planted.campaign import fly_trace_campaign
+    from scenarios.trials.planted.campaign import fly_trace_campaign, named_scenario
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
     from scenarios.trials.planted.page import campaign_page
-    from scenarios.trials.planted.schema import trace_scenario_of
     from scenarios.trials.stopping import flown, stopped_after
 
-    scenario = trace_scenario_of(*load_document(name, changes))
+    scenario = named_scenario(name, tuple(changes))
     first = scenario.seed if seed is None else seed
     seeds = range(first, first + runs)
     with named_after(scenario_file(name)), progress_bar(progress) as tell:
-        done = flown(lambda: fly_trace_campaign(scenario, seeds, tell, os.cpu_count() or 1), seeds)
+        done = flown(lambda: fly_trace_campaign(name, changes, seeds, tell, os.cpu_count() or 1), seeds)
     with stopped_after(len(done.seeds), runs, out):
         print(trace_campaign_text(scenario, done.found, done.words), end="")
         if out is not None:

@@ -42,7 +42,7 @@ def print_identification(found: Identification, flown: Flown, out: Console | Non
         print_paragraph(out, f"caution: {found.reading.sentence}", 0)
         print_table(out, "", reading_rows(found.reading))
     print_paragraph(out, f"residual (1 sigma): {_residual(found)}", 0)
-    print_lines(out, fit_lines(found.fits, out.width) if len(found.fits) > 1 else ())
+    print_lines(out, fit_lines(found.fits, out.width))
     reached = levels_line(mode_levels(found.modes, flown), flown, found.tests) if found.modes is not None else ""
     for line in (derived_line(found.derived), reached, test_line(found.tests), noise_phrase(found), *(f"note: {note}" for note in found.notes)):
         if line:

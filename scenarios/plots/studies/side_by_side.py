@@ -94,7 +94,9 @@ def figure_studies_estimates(rows: Rows, units: Mapping[str, str], labels: Seque
         panel.set_xlim(-0.6, len(labels) - 0.4)
         panel.grid(False, axis="x")
         panel.margins(y=0.12)
-    return finish(sheet, title, bottom=0.3, head=0.24)
+    for panel in sheet.panels[-columns:] if numbered else ():
+        panel.set_xlabel("study, as numbered above", fontsize=TICK_SIZE)
+    return finish(sheet, title, bottom=0.5 if numbered else 0.3, head=0.24)
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from ident.tracing.diagnosis import Claim, Verdict
+from scenarios.studies.catalogue import load_document
 from scenarios.trials.many import of_each_seed
 from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, TraceStudy, run_trace
 from scenarios.trials.scoring import Share, same_fault, share_of_flights, share_within_flights
 
@@ -58,10 +60,20 @@ def judged_of(study: TraceStudy) -> TraceJudged:
 
 
 def fly_trace_campaign(
-    scenario: TraceScenario, seeds: range, progress: Callable[[str, float], None] = lambda stage, share: None, workers: int = 1
+    name: str, changes: Sequence[str], seeds: range, progress: Callable[[str, float], None] = lambda stage, share: None, workers: int = 1
 ) -> tuple[TraceJudged, ...]:
-    """Flights of all seeds, shared out among ``workers`` processes; the result does not depend on their number."""
-    return of_each_seed(partial(judge_trace, scenario), seeds, progress, workers)
+    """Flights of all seeds of a scenario by its name, shared out among ``workers`` processes; the result does not depend on their number."""
+    return of_each_seed(partial(_judge_named, name, tuple(changes)), seeds, progress, workers)
+
+
+def _judge_named(name: str, changes: tuple[str, ...], seed: int) -> TraceJudged:
+    # By its name: a user's own model is made of functions, which cannot be handed over to another process.
+    return judge_trace(named_scenario(name, changes), seed)
+
+
+def named_scenario(name: str, changes: tuple[str, ...]) -> TraceScenario:
+    """A tracing scenario with changed entries, by its name or the path of its file."""
+    return trace_scenario_of(*load_document(name, changes))
 
 
 def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
 
 LABS = range(1, 8)
+TALL = 5000  # px: marimo scrolls inside its page, and a picture holds what is in view
 PATIENCE = 120_000.0  # ms: the machine may be busy, and a lab computes before it shows
 
 
@@ -25,6 +26,7 @@ def lab_address(number: int, servers: Servers, folder: Path) -> str:
 def open_lab(page: Page, address: str, last: str) -> None:
     """Open it and wait until a text of its last part stands there; a cell that failed says so in words of marimo's."""
     page.set_default_timeout(PATIENCE)
+    page.set_viewport_size({"width": (page.viewport_size or {"width": 1280})["width"], "height": TALL})
     page.goto(address)
     page.get_by_text(last).first.wait_for()
     page.locator("img").first.wait_for()

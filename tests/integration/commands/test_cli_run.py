@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from scenarios.files.records import read_record
+from scenarios.plots.page.captions import caption_of
 from scenarios.studies.catalogue import load_scenario, scenario_names
 from scenarios.terminal.numbers import number
 from sim.effects.library import effect_names
@@ -117,6 +118,24 @@ def test_the_study_folder_holds_what_the_comparison_lists(rigid_folder: Path) ->
     assert strict(rigid_folder / "record.json")["hold"] == "previous"
     assert strict(rigid_folder / "truth.json")["parameters"]["Cm_de"]["value"] == -2.578
     assert [entry.name for entry in rigid_folder.parent.iterdir()] == ["rigid"]
+
+
+def test_its_page_shows_every_figure_and_estimate_and_is_made_again_to_the_byte(flightid: CommandLine, rigid_folder: Path) -> None:
+    page = (rigid_folder / "report.html").read_bytes()
+    content = strict(rigid_folder / "report.json")
+    drawn = [block for section in content["sections"] for block in section["blocks"] if "figure" in block]
+    assert {block["figure"] for block in drawn} == {f"figure-{path.stem}" for path in rigid_folder.glob("*.png")}
+    assert all(caption_of(block["figure"].removeprefix("figure-")) == block["caption"] for block in drawn)
+    (found,) = [block for section in content["sections"] for block in section["blocks"] if block.get("table", "").startswith("Extended Kalman")]
+    at = [column["heading"] for column in found["columns"]].index("estimate ± σ")
+    shown = {row[0]: (row[at]["value"], row[at]["sigma"]) for row in found["rows"]}
+    assert shown == {name: (row["estimate"], row["std"]) for name, row in strict(rigid_folder / "comparison.json")["parameters"].items()}
+    assert "written to" in flightid.done("report", rigid_folder) and (rigid_folder / "report.html").read_bytes() == page
+
+
+def test_report_of_a_folder_without_a_page_is_one_line(flightid: CommandLine, rigid_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "comparison.json").write_bytes((rigid_folder / "comparison.json").read_bytes())
+    assert "flightid run rigid --seed 1 --out" in flightid.refused("report", tmp_path)
 
 
 def test_history_ends_at_the_estimate(rigid_folder: Path) -> None:

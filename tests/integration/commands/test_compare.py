@@ -43,7 +43,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_run_and_compare_leaves_the_studies_and_their_comparison(flown: Path) -> None:
-    assert {entry.name for entry in flown.iterdir()} == {"rigid", "flexible-ac1-equivalent", "compared.json", "compared.csv"}
+    written = {"compared.json", "compared.csv", "report.html", "report.json"}
+    assert {entry.name for entry in flown.iterdir()} == {"rigid", "flexible-ac1-equivalent"} | written
     content = strict(flown / "compared.json")
     assert [each["label"] for each in content["studies"]] == ["rigid", "flexible-ac1-equivalent"]
     assert set(content["parameters"]) == set(NAMES) and set(content["derived"]) == {"damping_ratio", "natural_frequency"}

@@ -21,6 +21,7 @@ from scenarios.cli.application import COMMANDS
 from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
 from scenarios.cli.telling import Told, telling
+from scenarios.commands.run import documents_of
 from scenarios.diagnosis import diagnose as on_files
 from scenarios.diagnosis.witness import KinematicWitness
 from scenarios.identification.methods import METHODS
@@ -85,12 +86,12 @@ def test_every_command_has_examples_and_no_other_has() -> None:
 def test_help_shows_the_examples_as_they_are_typed(name: str, flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     text = flightid.done(name, "--help")
-    assert text == flightid.done(name, "-h")
     assert [line.strip() for line in text[text.index("Examples:") :].splitlines()[1::2]] == [line for line, _ in EXAMPLES[name]]
 
 
 def test_help_lists_the_commands_by_group(flightid: CommandLine) -> None:
-    lines = flightid.done("--help").splitlines()
+    lines = flightid.done("-h").splitlines()
+    assert flightid.done("run", "-h") == flightid.done("run", "--help")
     places = [lines.index(f"{group}:") for group in COMMANDS]
     assert places == sorted(places)
     assert [line.split()[0] for line in lines[places[0] :] if line.startswith("  ") and not line.startswith("   ")] == NAMES
@@ -120,12 +121,12 @@ def test_a_diagnosis_predicts_later_what_it_predicted_at_once(folder: Path) -> N
 
 
 def test_an_identification_predicts_later_what_it_predicted_at_once(folder: Path) -> None:
-    ended = typed(f"flightid identify flight.csv {shlex.join(RECORD)} --validate flight_validate.csv --method ekf --json --out by_filter")
+    ended = typed(f"flightid identify flight.csv {shlex.join(RECORD)} --validate flight_validate.csv --json --out again")
     (held,) = [each for each in json.loads(ended[1])["records_fitted"] if each["held_out"]]
-    assert ended[1] == (folder / "by_filter" / "comparison.json").read_text()
-    code, out, err = typed("flightid predict by_filter flight_validate.csv --json")
+    assert ended[1] == (folder / "again" / "comparison.json").read_text()
+    code, out, err = typed("flightid predict again flight_validate.csv --json")
     assert (code, err) == (0, "") and json.loads(out)["channels"] == held["channels"]
-    part = json.loads(typed("flightid predict by_filter flight_validate.csv --from 2 --to 9 --json")[1])
+    part = json.loads(typed("flightid predict again flight_validate.csv --from 2 --to 9 --json")[1])
     assert (part["record"]["from"], part["record"]["to"]) == (2.0, 9.0) and part["channels"] != held["channels"]
 
 
@@ -145,8 +146,6 @@ def test_a_study_that_keeps_no_model_says_what_to_run(folder: Path) -> None:
 
 def test_quiet_prints_warnings_alone_and_json_the_document_alone(folder: Path) -> None:
     assert typed(f"flightid identify flight.csv {shlex.join(RECORD)} --quiet") == (0, "", "")
-    code, out, err = typed("flightid run mine.toml rigid --json")
-    assert (code, err) == (0, "") and [study["scenario"] for study in json.loads(out)] == ["mine", "rigid"]
     code, out, err = typed("flightid simulate rigid --json --out named.csv")
     assert (code, err) == (0, "") and json.loads(out)["files"] == ["named.csv", "named.json"]
 
@@ -157,6 +156,18 @@ def test_quiet_tells_the_warnings_of_a_study_on_the_other_stream(tmp_path: Path,
         (tmp_path / "study.json").write_text('{"warnings": ["the vane sticks"]}')
     assert told == Told(tmp_path, ("png",), progress=False)
     assert capsys.readouterr() == ("", "flightid: warning: the vane sticks\n")
+
+
+def test_several_studies_are_a_list_of_their_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    documents = documents_of(["rigid", "a/mine.toml"], False)
+    with telling(None, ("png",), quiet=False, as_json=True, documents=documents) as told:
+        print("tables")
+        assert told.out is not None and not told.figures and told.progress
+        for name in documents:
+            (told.out / name).parent.mkdir(parents=True)
+            (told.out / name).write_text(json.dumps({"of": name}) + "\n")
+    assert json.loads(capsys.readouterr().out) == [{"of": "rigid/comparison.json"}, {"of": "mine/comparison.json"}]
+    assert not told.out.exists()
 
 
 def test_version_and_completion(flightid: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:

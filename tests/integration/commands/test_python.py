@@ -150,6 +150,32 @@ def test_a_channel_map_of_a_call_is_for_all_its_tables(table: pandas.DataFrame, 
         fid.identify(table, "rigid", vehicle, channels={"qq": "q"})
 
 
+WRONG: list[tuple[Callable[[], object], str]] = [
+    (lambda: fid.run("rigid", seed=-1), "seed: -1 is no seed"),
+    (lambda: fid.run("rigid", set={"flight.rate": None}), "key flight.rate: a NoneType is no value"),
+    (lambda: fid.run("rigid", set="flight.rate"), "--set: 'flight.rate' is not key=value"),
+    (lambda: fid.simulate("rigit"), "flightid: there is no scenario 'rigit'; did you mean 'rigid'?"),
+    (lambda: fid.campaign("rigid", 1), "runs: 1 runs"),
+    (lambda: fid.campaign("false-alarms", 9), "campaign: false-alarms is a campaign of the tracing loop"),
+    (lambda: fid.identify([], "rigid"), "records: no record is given"),
+    (lambda: fid.identify("r.csv", "rigid", 3), "vehicle: a int is no vehicle"),  # type: ignore[arg-type]
+    (lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, channels=3), "channels: a int is no channel map"),  # type: ignore[arg-type]
+    (lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, start="12"), "start, stop: '12' is no time"),  # type: ignore[arg-type]
+    (lambda: fid.diagnose({"time": [0.0, 1.0]}, "rigid", {}, effects=3), "effects: a int is no list of effects"),  # type: ignore[arg-type]
+]
+
+
+@pytest.mark.parametrize(("call", "line"), WRONG, ids=[line for _, line in WRONG])
+def test_what_only_python_can_get_wrong_is_one_line_too(
+    call: Callable[[], object], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "r.csv").write_text("time,alpha\n0,1\n1,2\n")
+    with pytest.raises(fid.InputError) as raised:
+        call()
+    assert str(raised.value).startswith(line) and raised.value.remedy and "\n" not in str(raised.value)
+
+
 def test_one_table_given_twice_is_refused(table: pandas.DataFrame, vehicle: Path) -> None:
     record = fid.read_record(table, name="flight")
     with pytest.raises(fid.InputError, match=r"flight: the record is named twice"):

@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 
 from scenarios.files.folders import study_folder
+from scenarios.trials.planted import study
+from tests.integration.command_line import CommandLine
+from tests.integration.commands.test_cli_run import small
 
 ROOT = Path(__file__).parents[3]
 PATIENCE = 25.0  # s, on the busiest machine; the flights below would take a minute
@@ -32,19 +35,6 @@ def judged(scenario, seed):
     return campaign.TraceJudged(seed, "traced", Grade.RIGHT, ("vane-offset",), (("vane-offset", True),), ("vane-offset",), (), ())
 
 campaign.judge_trace = judged
-main(sys.argv[1:])
-"""
-# The second study never ends.
-STUDIES = """
-import time, pathlib, sys
-from scenarios.cli import main
-from scenarios.trials.planted import study
-
-def fly(*_):
-    pathlib.Path("begun").write_text("")
-    time.sleep(60)
-
-study.fly_trace = fly
 main(sys.argv[1:])
 """
 
@@ -76,13 +66,13 @@ def test_a_campaign_keeps_the_table_of_the_flights_that_had_ended(tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["begun", "kept"]
 
 
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="signals of a terminal")
-def test_finished_studies_stay_and_the_one_on_its_way_leaves_nothing(tmp_path: Path) -> None:
-    code, out, err = stopped(STUDIES, tmp_path, "run", "ballistic", "trace-vane", "--out", "kept", "--no-figures")
-    assert (code, err) == (130, "flightid: stopped; 1 of 2 studies are finished: kept/ballistic\n")
-    assert "written to kept/ballistic" in out
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["ballistic"]
-    assert (tmp_path / "kept" / "ballistic" / "comparison.json").is_file()
+def test_finished_studies_stay_and_the_one_on_its_way_leaves_nothing(flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "fly_trace", lambda *_: signal.raise_signal(signal.SIGINT))
+    call = flightid("run", small(tmp_path / "short.toml"), "trace-vane", "--out", tmp_path / "kept", "--no-figures")
+    assert (call.code, call.err) == (130, f"flightid: stopped; 1 of 2 studies are finished: {tmp_path}/kept/short\n")
+    assert f"written to {tmp_path}/kept/short" in call.out
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["short"]
+    assert (tmp_path / "kept" / "short" / "comparison.json").is_file()
 
 
 def test_ctrl_c_while_files_are_put_in_place_waits_until_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

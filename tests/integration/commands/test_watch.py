@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from ident.banks.online import bank_estimate
 from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import less
-from scenarios.watching.estimates import plain_so_far
+from scenarios.watching.estimates import likely_estimate, plain_so_far, so_far
 from scenarios.watching.reference import Reference, read_reference, vehicle_to_watch
 from scenarios.watching.session import Session, record_of, start, take
 from scenarios.watching.stream import TOGETHER, pieces
@@ -38,8 +39,11 @@ from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 from tests.integration.command_line import CommandLine, contents
 
+WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
+
 ROOT = Path(__file__).parents[3]
 START = {**{name: 1.15 * value for name, value in LOES_VALUES.items()}, "L_q": 1.0, "delay": 0.05}
+WRITTEN = {"comparison.json", "history.csv", "record.csv", "record.json", "report.html", "report.json"}
 PARAMETERS = {"L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "L_0", "M_0", "delta_0", "nz_0"}
 
 
@@ -115,9 +119,13 @@ def test_watch_finds_what_identify_finds(flightid: CommandLine, folder: Path, op
     for name in ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau"):
         row = watched["parameters"][name]
         assert abs(row["estimate"] - LOES_VALUES[name]) < 4.0 * row["std"], name
-    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert set(watched["files"]) == set(contents(tmp_path / "watched")) == WRITTEN
     assert (tmp_path / "watched" / "record.csv").read_bytes() == (folder / "flight.csv").read_bytes()
     assert watched["stream"] == {"rows": 151, "left_out": 0, "mended": 0, "spikes": 0, "trim": {}, "ended": "the stream ended"}
+    header, rows = history(tmp_path / "watched")
+    for name in ("M_q", "delay"):  # on the way it comes to the same
+        on_the_way, row = rows[:, header.index(f"refined_{name}")], watched["parameters"][name]
+        assert np.isnan(on_the_way[0]) and abs(on_the_way[-1] - row["estimate"]) < 0.5 * row["std"]
     told = [line for line in printed.splitlines() if "most likely" in line]
     assert [line.split(", ")[1] for line in told] == ["2.96 s", "3.96 s", "4.96 s", "5.96 s", "6.00 s"]
 
@@ -192,7 +200,7 @@ def test_a_file_that_grows(flightid: CommandLine, folder: Path, options: list[st
         growing.write_text("")  # a file that is cut short has ended
         printed, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "")
-    assert "151 rows" in printed and set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert "151 rows" in printed and set(contents(out)) == WRITTEN
     assert (out / "record.csv").read_bytes() == (tmp_path / "whole" / "record.csv").read_bytes()
     np.testing.assert_allclose(history(out)[1], history(tmp_path / "whole")[1], rtol=1e-7, atol=1e-9)
 
@@ -228,7 +236,7 @@ def test_ctrl_c_ends_it_whole_and_its_page(folder: Path, options: list[str], tmp
         printed, errors = running.communicate(timeout=60)
     assert (running.returncode, errors) == (0, "") and "stopped by the user; refined on line" in printed
     assert comparison(out)["stream"]["ended"] == "stopped by the user" and len(history(out)[1]) == 151
-    assert set(contents(out)) == {"comparison.json", "history.csv", "record.csv", "record.json"}
+    assert set(contents(out)) == WRITTEN
 
 
 def test_reference_gives_the_start_and_the_bounds(flightid: CommandLine, folder: Path, options: list[str], tmp_path: Path) -> None:
@@ -271,6 +279,25 @@ def test_flags_take_both_uncertainties(flown: Record) -> None:
     assert "…" not in drawn.file.getvalue()  # type: ignore[attr-defined]
 
 
+def test_what_another_start_would_not_have_found_is_no_number() -> None:
+    """Of a start that is 60 % off the plain bank says nothing, where it would have been sure of numbers that are wrong."""
+    far = replace(vehicle_file(), derivatives={name: 1.6 * value for name, value in LOES_VALUES.items()} | {"L_q": 1.0, "delay": 0.05})
+    session = Session(far, "stream", "in", refine=True)
+    take(session, table_of(problem.record(3, duration=6.0)))
+    assert session.bank is not None and session.state is not None
+    alone, plain, refined = likely_estimate(session.bank, session.state)[0], plain_so_far(session), so_far(session)
+    wrong = {name for name in ("M_alpha", "M_q", "inv_tau") if abs(alone.value(name) - LOES_VALUES[name]) > 4.0 * alone.sigma(name)}
+    assert wrong
+    for name in wrong:
+        assert name in plain.hanging or abs(plain.estimate.value(name) - LOES_VALUES[name]) < 3.0 * plain.estimate.sigma(name), name
+        assert refined.refined and abs(refined.estimate.value(name) - LOES_VALUES[name]) < 3.0 * refined.estimate.sigma(name), name
+    items = standings(plain.estimate, plain.derived, Reference("study", {"M_q": (-3.0, 0.1)}), {"M_q"})
+    drawn = Console(file=io.StringIO(), width=100, force_terminal=True, color_system=None)
+    drawn.print(live_table(View("stream", 6.0, 151, 0, 0, items, session.bank.delays, plain.weights)))
+    (told,) = [line for line in drawn.file.getvalue().splitlines() if "M_q" in line]  # type: ignore[attr-defined]
+    assert "hangs on start" in told and told.split()[2:4] == ["-", "-"]
+
+
 def test_without_vehicle_and_reference_it_starts_as_the_paper_did() -> None:
     begun = vehicle_to_watch(None, None)
     assert begun.derivatives["M_alpha"] == -14.0 and set(begun.constants) == {"airspeed", "gravity", "vane_arm"}
@@ -307,6 +334,8 @@ def test_calls_that_are_refused(flightid: CommandLine, folder: Path, options: li
     assert "cannot be read" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
     (tmp_path / "comparison.json").write_text('{"schema": "flightid/comparison/1", "parameters": {"beta": {"estimate": 1.0, "std": 0.1}}}')
     assert "there is no L_alpha in it" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
+    (tmp_path / "comparison.json").write_text('{"schema": "flightid/comparison/1", "parameters": {}, "start_dependent": ["L_alpha"]}')
+    assert "L_alpha hangs on the start in it" in flightid.refused("watch", record, "--model", "loes", "--reference", tmp_path)
     (tmp_path / "record.csv").write_bytes(record.read_bytes())
     assert "would take the place" in flightid.refused("watch", tmp_path / "record.csv", *options, "--until-end", "--out", tmp_path)
     (tmp_path / "record.json").write_text('{"schema": "flightid/record/1", "hold": "linear"}')

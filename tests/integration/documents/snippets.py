@@ -30,6 +30,8 @@ NOT_RUN: dict[tuple[str, str], str] = {
     ("docs/start.md", "python -m pip install -e ."): BY_CI,
     ("docs/README.md", 'python -m pip install -e ".[docs]"'): BY_CI,
     ("docs/README.md", "python -m sphinx"): BY_CI,
+    ("docs/how-to/labs.md", 'python -m pip install -e ".[labs]"'): BY_CI,
+    ("docs/how-to/labs.md", "flightid lab 5"): "opens a browser and waits; tests/browser walks through every lab",
     ("docs/how-to/watch.md", "telemetry-decoder --csv |"): "stands for a program of the reader's",
     ("docs/records/cavour.md", ""): RECORDS,
     ("docs/records/prometheus.md", ""): RECORDS,

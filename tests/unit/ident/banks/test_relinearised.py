@@ -10,7 +10,7 @@ import pytest
 from ident.banks.delays import run_delay_bank
 from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
 from ident.banks.other_starts import moved_starts
-from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough
+from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough, weighed
 from ident.estimate import Estimate
 from sim.declaration.system import System
 from sim.record import Record
@@ -73,8 +73,26 @@ def test_row_by_row_it_stays_at_the_refinement_of_all_rows(flown: tuple[Record, 
     found = joint_estimate(on_a_grid_that_fits(on[-1]))
     near(found, refined)
     assert not due(halfway, FACTORS) and not due(on[-1], FACTORS)
-    blurred = replace(on[-1], rows=HALF // 2, std=3.0 * halfway.std)
-    assert due(blurred, FACTORS) and not due(replace(blurred, rows=len(record)), FACTORS)
+    assert due(replace(on[-1], std=3.0 * halfway.std), FACTORS)
+    assert due(replace(on[-1], mean=halfway.mean + 2.0 * halfway.std), FACTORS)
+
+
+def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(halfway: Relinearised) -> None:
+    mean, covariance = joint(halfway.bank, halfway.state)
+    std = np.sqrt(np.diagonal(covariance))
+    assert weighed(None, halfway, FACTORS) is halfway and weighed(halfway, None, FACTORS) is halfway
+    assert weighed(None, None, FACTORS) is None
+    as_sharp = replace(halfway, std=1.2 * std)
+    assert weighed(halfway, as_sharp, FACTORS) is as_sharp
+    at = halfway.bank.names.index("M_q")
+    moved = mean.copy()
+    moved[at] += 3.0 * 2.0 * std[at]
+    kept = weighed(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
+    assert kept is not None and kept.state is halfway.state
+    assert kept.apart[at] == pytest.approx(6.0 * std[at]) and np.count_nonzero(kept.apart) == 1
+    assert joint_estimate(kept).sigma("M_q") == pytest.approx(37.0**0.5 * std[at])
+    agreed = weighed(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
+    assert agreed is not None and not agreed.apart.any()
 
 
 def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -> None:

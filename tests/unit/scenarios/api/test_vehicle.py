@@ -19,6 +19,7 @@ from sim.vehicles.library import read_parameter_set, vehicle_names
 from tests.integration.command_line import VEHICLE
 
 NUMBERS: dict[str, Any] = tomllib.loads(VEHICLE)
+NOTHING: Any = 3
 TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=8)
 VALUES = st.one_of(st.booleans(), st.integers(-(2**60), 2**60), st.floats(allow_nan=False), TEXTS)
 TABLES = st.dictionaries(TEXTS, st.one_of(VALUES, st.lists(VALUES, max_size=3), st.dictionaries(TEXTS, VALUES, max_size=2)), max_size=3)
@@ -69,7 +70,8 @@ def test_what_is_written_reads_back(content: dict[str, Any]) -> None:
     [
         (lambda: fid.vehicle("nowhere.toml"), "nowhere.toml: there is no such file; check the path"),
         (lambda: fid.vehicle("navyon"), "vehicle: there is no vehicle 'navyon'; name a file that ends in .toml, or one of"),
-        (lambda: fid.vehicle(mass=object()), "vehicle, key mass: a object has no place in a vehicle file; give a number or a text"),
+        (lambda: fid.vehicle(mass=object()), "key mass: a object is no value; give a number or a text"),
+        (lambda: fid.vehicle(NOTHING), "vehicle: a int is no vehicle; give a file's path, a name of the library, or its numbers"),
         (lambda: fid.vehicle({**NUMBERS, "mas": 1.0}), "bomber, key mas: there is no such key"),
         (lambda: fid.vehicle(NUMBERS, mass="5 ft"), "bomber, key mass: unit 'ft'"),
         (lambda: fid.vehicle(NUMBERS, airspeed=-1.0), "bomber, key airspeed: value -1 is not above 0"),

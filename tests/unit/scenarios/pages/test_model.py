@@ -108,7 +108,7 @@ def test_what_is_printed_is_heard_with_units_and_sigmas() -> None:
         Printed("", ["beyond", ""], left=True),
     ]
 
-    def show(out) -> None:  # type: ignore[no-untyped-def]
+    def show(out) -> None:
         print_table(out, "estimate", columns)
         print_paragraph(out, "a sentence " * 40)
         out.print()

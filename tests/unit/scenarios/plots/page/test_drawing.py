@@ -27,7 +27,9 @@ _TOKEN = re.compile(r"([a-zA-Z])|(-?(?:\d+\.?\d*|\.\d+))")
 
 def points_of(data: str) -> np.ndarray:
     """Vertices of path data with moves, lines and ends, a second reading: ``(n, 2)`` absolute."""
-    at, begun, found, letter, numbers = np.zeros(2), np.zeros(2), [], "", []
+    at, begun, letter = np.zeros(2), np.zeros(2), ""
+    found: list[np.ndarray] = []
+    numbers: list[float] = []
     for command, number in _TOKEN.findall(data):
         if command:
             letter, numbers = command, []
