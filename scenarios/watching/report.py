@@ -36,7 +36,9 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
             *section("The bank of delays", _bank(content["bank"])),
             *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
         ),
-        reproduction=reproduction(["flightid", "watch", name, "--model", "loes"], ended, [("rows", name, digest)]),
+        reproduction=reproduction(
+            ["flightid", "watch", name, "--model", "loes"], sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+        ),
         created=now(),
     )
 
