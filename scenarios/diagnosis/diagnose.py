@@ -46,9 +46,8 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
     posed = posed_for(opened, request.plan)
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
-    candidates = candidates_for(posed.model, own)
+    candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
     run = (overflows := Overflows()).counted(trace or _loop())
-    guards = _guards(posed.model)
     with _witness(opened, posed, request.plan) as witness:
         diagnosis = run(posed.records, posed.model, candidates, guards, posed.predicted, settings, progress, witness)
         part = moves_between_samples(diagnosis, candidates, posed.records)

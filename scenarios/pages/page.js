@@ -44,7 +44,7 @@
     const rows = [...table.tBodies[0].rows];
     const heads = [...table.tHead.rows[0].cells];
     const withSigma = heads.map((_, at) => rows.some((row) => row.cells[at].dataset.sigma !== undefined));
-    const head = heads.flatMap((cell, at) => { const text = cell.textContent.trim(); return withSigma[at] ? [text, `sigma of ${text}`] : [text]; });
+    const head = heads.flatMap((cell, at) => { const text = cell.textContent.trim().replace(/\s+/g, " "); return withSigma[at] ? [text, `sigma of ${text}`] : [text]; });
     const body = rows.map((row) => [...row.cells].flatMap((cell, at) => {
       const value = cell.dataset.value ?? cell.textContent.trim().replace(/\s+/g, " ");
       return withSigma[at] ? [value, cell.dataset.sigma ?? ""] : [value];

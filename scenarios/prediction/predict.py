@@ -15,7 +15,7 @@ from ident.tracing.result import predict
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.channels import read_channel_map
-from scenarios.files.measured.record_file import RecordFile, opened
+from scenarios.files.measured.record_file import RecordFile, all_simulated, opened
 from scenarios.files.own_models import OwnModel, channel_units
 from scenarios.files.sources import InputFile, read_source
 from scenarios.files.vehicles import VehicleFile, read_vehicle
@@ -62,7 +62,10 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a diagnosis, as declared."""
+    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a diagnosis, as declared.
+
+    ``simulated``: a program made the record, by what the JSON beside it says.
+    """
 
     study: Path
     kept: KeptModel
@@ -74,6 +77,7 @@ class Prediction:
     before: Simulation | None
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+    simulated: bool = False
 
 
 def predict_record(asked: Asked) -> Prediction:
@@ -103,7 +107,9 @@ def predict_record(asked: Asked) -> Prediction:
         remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
         raise RecordError("it has none of the study's outputs", where=str(source.path), remedy=remedy)
     before, after = (_by_diagnosis if kept.made_by == DIAGNOSE else _by_identification)(kept, declared, record)
-    return Prediction(asked.study, kept, vehicle.name, record, source.identity, channels, after, before, ready.notes, _warnings(ready))
+    return Prediction(
+        asked.study, kept, vehicle.name, record, source.identity, channels, after, before, ready.notes, _warnings(ready), all_simulated([source])
+    )
 
 
 def _by_identification(kept: KeptModel, declared: Model, record: Record) -> tuple[None, Simulation]:

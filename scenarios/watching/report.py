@@ -20,7 +20,6 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
     words = f"{len(outside)} quantities lie outside their reference: {', '.join(outside)}" if outside else "every quantity agrees with its reference"
     refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(content["method"], "refined over all rows")
-    ended = sentence(f"the stream ended: {stream['ended']}")
     return Page(
         title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
         kind=f"Watch of {name}, low-order equivalent system, {refined}",
@@ -36,7 +35,9 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
             *section("The bank of delays", _bank(content["bank"])),
             *section("How it was made", fixed_table("What was held", {key: (each["value"], each["unit"]) for key, each in content["fixed"].items()})),
         ),
-        reproduction=reproduction(["flightid", "watch", name, "--model", "loes"], ended, [("rows", name, digest)]),
+        reproduction=reproduction(
+            ["flightid", "watch", name, "--model", "loes"], sentence(f"the stream ended: {stream['ended']}"), [("rows", name, digest)]
+        ),
         created=now(),
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from flightid.labs.workings.trying import Scratch
 
 if TYPE_CHECKING:
     import flightid
@@ -71,13 +72,13 @@ FIRST_SEED = 1
 class Flown:
     """Both records, the vehicle file and the sensors' noise, in a folder that lives as long as this; nothing in it tells what is hidden."""
 
-    folder: tempfile.TemporaryDirectory[str]
+    folder: Scratch
     train: Record
     noise: Mapping[str, float]
 
     def path(self, name: str) -> Path:
         """``train.csv``, ``validate.csv`` or ``vehicle.toml``."""
-        return Path(self.folder.name, name)
+        return self.folder.path / name
 
 
 def drawn(seed: int) -> tuple[str, dict[str, float]]:
@@ -108,8 +109,8 @@ def flown(seed: int) -> Flown:
     from scenarios.trials.planted.schema import trace_scenario_of
 
     found = fly_trace(trace_scenario_of(*load_document(*changes(seed))), seed)
-    folder = tempfile.TemporaryDirectory(prefix="flightid-")
-    write_flown(found, Path(folder.name))
+    folder = Scratch()
+    write_flown(found, folder.path)
     return Flown(folder, found.train, found.noise_std)
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from flightid.labs.workings.trying import PREFIX, Scratch
+
 if TYPE_CHECKING:
     import flightid
     from scenarios.trials.planted.flights import FlownTrace
@@ -51,15 +53,14 @@ M_q = -3.7
 inv_tau = 8.0
 delay = 0.08
 """
-_PREFIX = "flightid-"
-_SCRATCH = re.compile(rf"\S*/{_PREFIX}[^/\s]+/")  # where uploaded files lie, which says nothing to who uploaded them
+_SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")  # where uploaded files lie, which says nothing to who uploaded them
 
 
 @dataclass(frozen=True, eq=False)
 class Kept:
     """Uploaded files in a folder that lives as long as this."""
 
-    folder: tempfile.TemporaryDirectory[str]
+    folder: Scratch
     records: tuple[Path, ...]
     vehicle: Path
     channels: Path | None
@@ -87,8 +88,8 @@ def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "")
     for name in names:
         if names.count(name) > 1:
             raise RecordError("two files have this name", where=name, remedy="rename one")
-    folder = tempfile.TemporaryDirectory(prefix=_PREFIX)
-    home = Path(folder.name)
+    folder = Scratch()
+    home = folder.path
     for name, (_, content) in zip(names, records, strict=True):
         (home / name).write_bytes(content)
     (home / "vehicle.toml").write_text(vehicle, encoding="utf-8")
@@ -137,7 +138,7 @@ def diagnosed(given: Kept, model: str) -> flightid.Diagnosis:
 
 def report(found: flightid.Diagnosis) -> bytes:
     """The report as one HTML file."""
-    with tempfile.TemporaryDirectory(prefix=_PREFIX) as scratch:
+    with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
         return found.report(Path(scratch, "report.html")).read_bytes()
 
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import shlex
+import shutil
+import tempfile
+import weakref
 from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -13,7 +17,16 @@ if TYPE_CHECKING:
     from scenarios.studies.study import MethodResult, Study
 
 KEPT = 64  # studies that are remembered: some hundred kB each
+PREFIX = "flightid-"  # of folders for what is computed on files
 ALONE = "methods=[]"  # a change of a scenario: its main method alone
+
+
+class Scratch:
+    """A folder that lives as long as this object, or the process."""
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 @lru_cache(KEPT)

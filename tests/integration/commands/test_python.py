@@ -58,6 +58,11 @@ def test_identify(flightid: CommandLine, flight: Path, table: pandas.DataFrame, 
     }
     printed = flightid.done("predict", tmp_path / "command", flight, "--from", 2.0, "--no-figures", "--out", tmp_path / "predicted")
     prediction = fid.predict(tmp_path / "command", flight, start=2.0)
+    made = tmp_path / "made.csv"
+    made.write_bytes(flight.read_bytes())
+    made.with_suffix(".json").write_text('{"schema": "flightid/record/1", "origin": "simulated"}')
+    told = fid.predict(tmp_path / "command", made, start=2.0)
+    assert told.details.simulated and not prediction.details.simulated, "its figure calls a record what the file beside it says"
     assert lines(prediction.summary()) == lines(printed)
     assert timeless(prediction.save(tmp_path / "predicted in python", figures=False)) == timeless(tmp_path / "predicted")
     assert fid.predict(found, table, start=2.0).to_dataframe().equals(prediction.to_dataframe())
