@@ -72,7 +72,9 @@ def _compatibility(records: Sequence[Record], settings: CompatibilitySettings, *
     usable = channels
     if settings.airspeed is None and "airspeed" not in channels:
         usable = tuple(name for name in channels if name not in ("alpha", "nz"))
-        notes.append("neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used")
+        notes.append(
+            "neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be used; record it, or name a vehicle file that has it"
+        )
     joined = relations(usable)
     notes += [LEVEL] if joined else []
     if not joined:

@@ -87,6 +87,12 @@ class Outcome:
     scatter: RecordScatter
 
 
+def _tests_of_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
+    """Tests that say which residuals are noise: where nothing is named, those of the declared model."""
+    # A guard or turbulence that won leaves white innovations: its tests would pass the declared model's residual off as sensor noise.
+    return before.tests if judgement.verdict is Verdict.UNEXPLAINED else judgement.tests.all
+
+
 def reported(
     ledger: Ledger, before: Before, after: Outcome, held: HeldOutData, validation: Sequence[Record], seconds: Mapping[str, float]
 ) -> Diagnosis:
@@ -126,7 +132,7 @@ def reported(
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),
         error_after=error_figures([p.after for p in predictions], shown, masks, channels),
-        noise_floor=noise_floors(fitted, judgement.tests.all, levels),
+        noise_floor=noise_floors(fitted, _tests_of_floor(before, judgement), levels),
         residual_std=levels,
         held_out=bool(validation),
         tests_before=before.tests,

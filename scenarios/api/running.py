@@ -33,14 +33,13 @@ class Runner:
     """A scenario that is loaded: how it is run with a seed (None: its own), written into a folder with figures of some formats, and printed.
 
     ``show`` prints a study, which says where else its details are. ``text``: what is printed where the output is no terminal, for Python.
-    ``page``: its folder holds a page to begin with. ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
+    ``counted``: the share done that it tells is a measure of its time, as that of a search is not.
     """
 
     run: Callable[[int | None, Progress], Any]
     write: Write
     show: Callable[[Any, str], None]
     text: Callable[[Any], str]
-    page: bool = False
     counted: bool = True
 
 
@@ -76,7 +75,7 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.planted.text import trace_text
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
-    return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), page=True, counted=False)
+    return Runner(run, write_trace, _printed(trace_text), partial(trace_text, details=KEPT), counted=False)
 
 
 def _standin(name: str, changes: Sequence[str]) -> Runner:
@@ -87,7 +86,7 @@ def _standin(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.trials.standin.text import standin_text
 
     run = partial(run_standin, standin_of(*load_document(name, changes)))
-    return Runner(run, write_standin, _printed(standin_text), partial(standin_text, details=KEPT), page=True, counted=False)
+    return Runner(run, write_standin, _printed(standin_text), partial(standin_text, details=KEPT), counted=False)
 
 
 def _loop(name: str, changes: Sequence[str]) -> Runner:

@@ -9,6 +9,8 @@ from typer.core import TyperCommand, TyperGroup
 from scenarios.cli.examples import examples_text
 from scenarios.commands.failures import Stopped
 
+WHOLE = 1000  # characters: a line too long for the terminal is folded, not cut
+
 
 class GroupedCommands(TyperGroup):
     """Lists the commands under the headings of their groups (the command-line library asks for a class here)."""
@@ -16,10 +18,9 @@ class GroupedCommands(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write one section a group, in the order in which the commands were declared."""
         groups: dict[str, list[tuple[str, str]]] = {}
-        width = formatter.width - 6 - max(map(len, self.commands))
         for name, command in self.commands.items():
             panel = getattr(command, "rich_help_panel", None)
-            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append((name, command.get_short_help_str(width)))
+            groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append((name, command.get_short_help_str(WHOLE)))
         for group, rows in groups.items():
             with formatter.section(group):
                 formatter.write_dl(rows)

@@ -13,7 +13,7 @@ from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.summary import details_in
+from scenarios.terminal.summary import details_in, written_to
 from scenarios.trials.stopping import stopped_after
 from sim.errors import DeclarationError
 
@@ -86,7 +86,7 @@ def _run(
     with named_after(file), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell)
     with stopped_after(len(campaign.seeds), campaign.asked, out):
-        print_campaign(campaign, details=details_in(out, "campaign.json"))
+        print_campaign(campaign, details=details_in(out))
         if out is not None:
             write_campaign(campaign, out, figures=figures)
-            print(f"written to {out}")
+            print(written_to(out))

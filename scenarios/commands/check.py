@@ -8,7 +8,7 @@ from scenarios.compatibility.check import check_files
 from scenarios.compatibility.text import print_check
 from scenarios.plots.formats import Formats
 from scenarios.preparation.request import Request
-from scenarios.terminal.summary import details_in
+from scenarios.terminal.summary import details_in, written_to
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:
@@ -18,6 +18,6 @@ def check_records(request: Request, out: Path | None, figures: Formats) -> None:
         from scenarios.compatibility.files import write_check
 
         write_check(found, out, figures=figures)
-    print_check(found, details=details_in(out, "check.json"))
+    print_check(found, details=details_in(out))
     if out is not None:
-        print(f"written to {out}")
+        print(written_to(out))

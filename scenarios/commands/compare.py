@@ -18,6 +18,7 @@ def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figur
     from scenarios.side_by_side.comparison import compare_columns
     from scenarios.side_by_side.reading import read_columns
     from scenarios.side_by_side.text import print_compared
+    from scenarios.terminal.summary import written_to
 
     compared = compare_columns(read_columns(studies, every))
     if out is not None:
@@ -26,4 +27,4 @@ def compare_studies(studies: Sequence[str], out: Path | None, every: bool, figur
         write_compared(compared, out, figures=figures)
     print_compared(compared)
     if out is not None:
-        print(f"written to {out}")
+        print(written_to(out))

@@ -20,7 +20,7 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats, *, pr
         from scenarios.diagnosis.diagnose import diagnose_files
         from scenarios.diagnosis.report.text import diagnosis_text
         from scenarios.terminal.paragraphs import terminal_width
-        from scenarios.terminal.summary import details_in
+        from scenarios.terminal.summary import details_in, written_to
 
         tracing = diagnose_files(request, tell)
         if out is not None:
@@ -28,9 +28,9 @@ def diagnose_records(request: Request, out: Path | None, figures: Formats, *, pr
 
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures, process=process)
-    print(diagnosis_text(tracing, terminal_width(), details_in(out, "report.html")))
+    print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in tracing.diagnosis.seconds.items())
     if stages:
         print(f"seconds: {stages}")
     if out is not None:
-        print(f"written to {out}; begin with {out / 'report.html'}")
+        print(written_to(out))

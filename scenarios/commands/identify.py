@@ -26,7 +26,7 @@ def identify_records(
     from scenarios.identification.from_files import identify_files
     from scenarios.identification.report.text import print_identification
     from scenarios.identification.state_space import refuse_place, state_space_of, write_state_space
-    from scenarios.terminal.summary import details_in
+    from scenarios.terminal.summary import details_in, written_to
 
     if matrices is not None:
         ours = [out / "comparison.json", out / "record.csv"] if out is not None else []
@@ -38,9 +38,9 @@ def identify_records(
         from scenarios.identification.report.files import write_identification
 
         write_identification(identified, out, figures=figures)
-    print_identification(identified.found, identified.flown, details=details_in(out, "comparison.json"))
+    print_identification(identified.found, identified.flown, details=details_in(out))
     if matrices is not None and space is not None:
         write_state_space(space, matrices)
         print(f"matrices written to {matrices}")
     if out is not None:
-        print(f"written to {out}")
+        print(written_to(out))

@@ -12,6 +12,7 @@ from scenarios.prediction.words import prediction_text
 def predict_with_study(asked: Asked, out: Path | None, figures: Formats) -> None:
     """Read, predict, write, print."""
     from scenarios.terminal.paragraphs import terminal_width
+    from scenarios.terminal.summary import written_to
 
     found = predict_record(asked)
     if out is not None:
@@ -20,4 +21,4 @@ def predict_with_study(asked: Asked, out: Path | None, figures: Formats) -> None
         write_prediction(found, out, figures=figures)
     print(prediction_text(found, terminal_width()), end="")
     if out is not None:
-        print(f"written to {out}")
+        print(written_to(out))

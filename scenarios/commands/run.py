@@ -14,7 +14,7 @@ from scenarios.commands.simulated.standin import simulate_standin
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import Formats
 from scenarios.terminal.progress import progress_bar
-from scenarios.terminal.summary import details_in
+from scenarios.terminal.summary import details_in, written_to
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -50,9 +50,9 @@ def run_scenarios(
                 study = _studied(runner, name, seed, folder, figures, tell)
         except KeyboardInterrupt as stopped:
             raise KeyboardInterrupt("; ".join(filter(None, (str(stopped), _kept(folders[:done], len(names), told))))) from None
-        runner.show(study, details_in(folder if told else None, "report.html" if runner.page else ""))
+        runner.show(study, details_in(folder if told else None))
         if folder is not None and told:
-            print(f"written to {folder}; begin with {folder / 'report.html'}" if runner.page else f"written to {folder}")
+            print(written_to(folder))
 
 
 def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:

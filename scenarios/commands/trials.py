@@ -13,6 +13,7 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.pages.folder import write_page
 from scenarios.terminal.progress import progress_bar
+from scenarios.terminal.summary import written_to
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.clean import CleanRun, clean_flight, clean_rows
 from scenarios.trials.detection import SETTINGS, WEAK, Alarm, Detection, alarm_rows, clean_run, detection_rows, weak_run, weak_setting
@@ -55,7 +56,7 @@ def run_trials(name: str, runs: int, seed: int | None, out: Path | None, changes
                 tabled = [dict(zip(headings, row, strict=True)) for row in rows]
                 write_page(scratch, trials_page(name, first, done.words, len(done.seeds), title, headings, rows))
                 write_json(scratch / "campaign.json", {**content, "table": tabled, "versions": versions()})
-            print(f"written to {out}")
+            print(written_to(out))
 
 
 def _clean(seed: int) -> tuple[str, Alarm]:

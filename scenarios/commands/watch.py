@@ -65,7 +65,9 @@ def watch_stream(
             write_watch(out, session, watch.reference, end, history, Path(record).name if record != PIPE else watch.name)
         print_end(watch, session, end)
         if out is not None:
-            print(f"written to {out}", flush=True)
+            from scenarios.terminal.summary import written_to
+
+            print(written_to(out), flush=True)
         if follow is not None:
             _stay(watch, session, end, follow)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -101,8 +102,13 @@ def p_value(value: float) -> Number:
 
 def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
     """What was held, with units."""
-    rows = tuple((name, known(value)) for name, (value, _) in fixed.items())
+    rows = tuple((name, _exact(value)) for name, (value, _) in fixed.items())
     return Table(caption, (Column("constant"), Column("value", BY_ROW)), rows, tuple(unit or PURE for _, unit in fixed.values()))
+
+
+def _exact(value: float) -> Cell:
+    """A constant with the digits that it was given with, as a mass of six."""
+    return Number(value, shown=f"{value:.7g}") if math.isfinite(value) else known(value)
 
 
 def levels_of_noise(caption: str, noise: Mapping[str, tuple[float, str]]) -> Table:

@@ -34,7 +34,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
         Column("parameter", [s.name for s in spreads], left=True),
         Column("unit", [unit_cell(s.unit) for s in spreads], left=True),
         Column("reference", [f"{s.reference:.5g}" for s in spreads]),
-        Column("bias", [number(s.bias, s.scatter) for s in spreads]),
+        Column("bias", [number(s.bias, s.scatter / campaign.values.shape[1] ** 0.5) for s in spreads]),  # to the sigma of a mean
         Column("scatter", [number(s.scatter, s.scatter) for s in spreads]),
         Column("reported", [number(s.reported, s.reported) for s in spreads]),
     ]

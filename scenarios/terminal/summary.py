@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 SHOWN = 3  # numbers that a summary names
 BELOW = "below; --out FOLDER keeps them"
+PAGE = "report.html"  # in the folder of every study
 HERE = "below, and the files of this folder"
 
 
@@ -42,9 +43,14 @@ def print_summary(out: Console, summary: Summary) -> None:
     print_lines(out, [*summary_lines(summary, out.width), ""])
 
 
-def details_in(folder: Path | None, begin: str = "") -> str:
-    """Where more is to be read: below, and in the study's folder, beginning with one of its files."""
-    return BELOW if folder is None else f"below; in {folder / begin}" if begin else f"below; in {folder}"
+def details_in(folder: Path | None) -> str:
+    """Where more is to be read: below, and in the study's folder, beginning with its page."""
+    return BELOW if folder is None else f"below; in {folder / PAGE}"
+
+
+def written_to(folder: Path) -> str:
+    """The last line of a command that wrote a study."""
+    return f"written to {folder}; begin with {folder / PAGE}"
 
 
 def value_phrase(name: str, value: float, std: float, unit: str) -> str:

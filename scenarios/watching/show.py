@@ -13,7 +13,7 @@ from scenarios.watching.estimates import so_far
 from scenarios.watching.session import Session, Step
 from scenarios.watching.stream import Watch
 from scenarios.watching.study import Outcome
-from scenarios.watching.table import View, live_table, outside_of, standings
+from scenarios.watching.table import WORDS, View, live_table, outside_of, standings
 from scenarios.watching.table import line as view_line
 
 REFRESH = 0.25  # s between two drawings of the live table
@@ -80,7 +80,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     kind = "refined over all rows" if end.found is not None else "refined on line" if end.refined else "on line, the most likely filter"
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(live_table(view))
-    hanging = [item.name for item in end.standings if item.hanging]
+    hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:
         what = f"another start within its prior would have led elsewhere: {', '.join(hanging)}; name a nearer start with --vehicle"
         terminal.print(f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False)

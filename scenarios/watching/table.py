@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from rich import box
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -76,10 +77,9 @@ def standings(
     return tuple(out)
 
 
-def live_table(view: View) -> Table:
-    """The table of a terminal, without a frame so that no number is cut in 80 columns."""
-    table = Table(title=Text(_heading(view)), caption=Text(_weights(view)), box=box.SIMPLE_HEAD, padding=0)
-    table.title_justify = table.caption_justify = "left"
+def live_table(view: View) -> Group:
+    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its heading and the weights of the delays."""
+    table = Table(box=box.SIMPLE_HEAD, padding=0)
     compared = any(item.reference is not None for item in view.standings)
     hanging = any(item.hanging for item in view.standings)
     headings = ["quantity", "unit", "estimate", "+- sigma", *(("reference", "+- sigma", "off,\nsigmas") if compared else ())]
@@ -97,7 +97,7 @@ def live_table(view: View) -> Table:
         if compared or hanging:
             cells.append(HANGING if item.hanging else "outside" if item.beyond else "")
         table.add_row(*cells, style="bold red" if item.beyond else None)
-    return table
+    return Group(Text(_heading(view)), table, Text(_weights(view)))
 
 
 def line(view: View) -> str:
@@ -117,7 +117,7 @@ def line(view: View) -> str:
 
 def outside_of(items: Sequence[CrossValidation]) -> list[str]:
     """Names of what lies outside the reference's bounds."""
-    return [item.name for item in items if item.beyond]
+    return [WORDS.get(item.name, item.name) for item in items if item.beyond]
 
 
 def _heading(view: View) -> str:

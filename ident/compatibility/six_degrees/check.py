@@ -52,7 +52,9 @@ def check(records: Sequence[Record], settings: CompatibilitySettings, *, each: b
     for s in signals:
         notes += [f"{count} isolated wrong sample{'s' * (count > 1)} of {name} in {s.name} set aside" for name, count in s.spikes.items() if count]
     if not known_speed:
-        notes.append("neither a recorded nor a given airspeed: the relations of alpha and beta cannot be used")
+        notes.append(
+            "neither a recorded nor a given airspeed: the relations of alpha and beta cannot be used; record it, or name a vehicle file that has it"
+        )
     if "phi" not in channels:
         notes.append(LEVEL)
     together = len(signals) > 1

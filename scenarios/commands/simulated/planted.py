@@ -36,6 +36,7 @@ def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, cha
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
     from scenarios.studies.catalogue import scenario_file
     from scenarios.terminal.progress import progress_bar
+    from scenarios.terminal.summary import written_to
     from scenarios.trials.planted.campaign import fly_trace_campaign, named_scenario
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
     from scenarios.trials.planted.page import campaign_page
@@ -50,7 +51,7 @@ def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, cha
         print(trace_campaign_text(scenario, done.found, done.words), end="")
         if out is not None:
             write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done.found, done.words))
-            print(f"written to {out}")
+            print(written_to(out))
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:

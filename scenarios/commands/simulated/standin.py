@@ -36,7 +36,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.terminal.paragraphs import terminal_width
     from scenarios.terminal.progress import progress_bar
-    from scenarios.terminal.summary import details_in
+    from scenarios.terminal.summary import details_in, written_to
     from scenarios.trials.standin.campaign import fly_standin_campaign
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
     from scenarios.trials.standin.page import campaign_page
@@ -48,7 +48,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, c
     with named_after(scenario_file(name)), progress_bar(progress) as tell:
         done = flown(lambda: fly_standin_campaign(standin, runs, first, tell, os.cpu_count() or 1), range(first, first + runs))
     with stopped_after(len(done.seeds), runs, out):
-        print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out, "campaign.json")), end="")
+        print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out)), end="")
         if out is not None:
             write_campaign(standin, done.found, out, done.content, campaign_page(standin, done.found, done.words))
-            print(f"written to {out}")
+            print(written_to(out))

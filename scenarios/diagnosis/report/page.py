@@ -51,7 +51,7 @@ def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Dr
     replication = pictures.pop("figure-replication", None)
     further = Bullets(tuple(warning for warning in warnings if warning not in tracing.doubts))
     return Page(
-        title=tracing.vehicle.name,
+        title=f"{_capital(tracing.vehicle.name)}: what the {tracing.vehicle.model} model lacks",
         kind=text.subject(tracing),
         verdict=d.verdict.value,
         tone=TONES[d.verdict],
@@ -66,9 +66,9 @@ def diagnosis_page(tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Dr
             *_errors(tracing),
             *_derivatives(tracing),
             *section("The record as it was recorded", record_table(tracing.look)),
-            *section("How the records were prepared", Bullets((*tracing.notes, effort_sentence(tracing.effort, d)))),
+            *section("How the records were prepared", Bullets(tuple(tracing.notes))),
             *section("Figures", *pictures.values()),
-            *_search(d),
+            *_search(tracing),
         ),
         reproduction=reproduction(_command(tracing), "", _inputs(tracing)),
         created=created,
@@ -118,9 +118,11 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
     rows = shown_rows(d, ("", *text.error_headings(d)), text.error_rows(d, channel_units(tracing.model)))
     after = "No effect stands as the cause, so there is nothing to hold against the declared model."
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
-    told = f"Root mean square of measured minus simulated; only initial states and biases were fitted there. {note}"
+    told = (
+        f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only initial states and biases were fitted there. {note}"
+    )
     table = rows_table("Simulation error", ("channel", *shown_columns(d, text.error_headings(d))), rows)
-    return section(f"Simulation error on {text.where_predicted(tracing)}", table, Prose(told, "note"))
+    return section("Simulation error", table, Prose(told, "note"))
 
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
@@ -128,7 +130,8 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     headings = text.derivative_headings(d)
     rows = shown_rows(d, ("", *headings), text.derivative_rows(d.before, d.after, d.scatter))
     derived = shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d))
-    note = text.sigma_note(d)
+    note, title = text.sigma_note(d), text.moved_title(d)
+    brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing))
     heading = _capital(levels_title(tracing))
@@ -137,7 +140,8 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     for members, cells in member_tables(d):
         parts += section("Under each member of the group", alike, rows_table("Derivatives by member", ("name", "unit", *members), cells))
     return section(
-        _capital(text.moved_title(d)),
+        _capital(brief),
+        Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         rows_table("Derivatives", ("name", *shown_columns(d, headings)), rows),
         rows_table("What follows from them", ("name", *shown_columns(d, text.DERIVED_HEADINGS)), derived),
         Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note") if note else None,
@@ -145,7 +149,9 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     )
 
 
-def _search(d: Diagnosis) -> tuple[Section, ...]:
+def _search(tracing: Tracing) -> tuple[Section, ...]:
+    d = tracing.diagnosis
+    effort = Prose(f"{_capital(effort_sentence(tracing.effort, d))}.", "note")
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
     guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
     table = rows_table("Every candidate, the best of each round first", CANDIDATES, candidate_rows(d, len(d.candidates)), PRINTED)
@@ -153,7 +159,7 @@ def _search(d: Diagnosis) -> tuple[Section, ...]:
     columns = (Column("model"), Column("test"), Column("channel"), Column("p", PURE), Column("result"))
     rows = tuple((when, test.name, test.channel, p_value(test.p_value), test.sentence) for when, tests in _tests(d) for test in tests)
     parts = section("Every candidate", table, note) if d.candidates else ()
-    return section("How it was found", steps, parts=parts + section("Residual tests", Table("Residual tests", columns, rows)))
+    return section("How it was found", steps, effort, parts=parts + section("Residual tests", Table("Residual tests", columns, rows)))
 
 
 def _tests(d: Diagnosis) -> list[tuple[str, tuple[ResidualTest, ...]]]:

@@ -207,9 +207,10 @@ def derived_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     before, after = derived_of(d)
     for name in (name for name in before if name in after):
-        rows += derivative_rows({name: before[name]}, {name: after[name]})
+        words = name.replace("_", " ")
+        rows += derivative_rows({words: before[name]}, {words: after[name]})
         if is_frequency(name, before[name].unit):
-            rows += derivative_rows({name: _hertz(before[name])}, {name: _hertz(after[name])})
+            rows += derivative_rows({words: _hertz(before[name])}, {words: _hertz(after[name])})
     return rows
 
 

@@ -23,6 +23,7 @@ from sim.errors import RecordError
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 COMMENT = "#"
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+_MARKS = re.compile("[" + "".join(SEPARATORS) + "]")
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
 
@@ -119,10 +120,15 @@ def _even(lines: Rows) -> bool:
 
 
 def _refuse_other_layouts(path: Path, header: Sequence[str], lines: Rows, above: Sequence[str]) -> None:
-    """Refuse a file whose columns are separated by blanks, and one whose header is commented out."""
+    """Refuse a file whose columns are separated by blanks, one with a title above its header, and one whose header is commented out."""
     words = len(header[0].split())
     if len(header) == 1 and words > 1 and len(lines) > 1 and all(len(cells) == 1 and len(cells[0].split()) == words for _, cells in lines[1:]):
         raise RecordError("the columns are separated by blanks", where=f"{path}, row {lines[0][0]}", remedy="save it with commas between the columns")
+    if sum(bool(cell.strip()) for cell in header) == 1 and len(lines) > 2:
+        under = [word for cell in lines[1][1] for word in _MARKS.split(cell) if word.strip()]
+        if len(under) > 1 and not any(_is_number(word) for word in under):
+            what = "a title stands above the header"
+            raise RecordError(what, where=f"{path}, row {lines[0][0]}", remedy=f"begin the line with {COMMENT}, or delete it")
     if above and above[-1].lstrip().startswith(COMMENT) and all(_is_number(cell) for cell in header):
         remedy = f"take the {COMMENT} from the header, row {len(above)}" if len(header) > 1 else "give a header row"
         raise RecordError("there is no header, the first row holds numbers", where=f"{path}, row {lines[0][0]}", remedy=remedy)

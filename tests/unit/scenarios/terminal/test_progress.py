@@ -11,7 +11,7 @@ from scenarios.terminal.progress import Told, progress_bar, told_time
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0.4, "0 s"), (59.4, "59 s"), (59.6, "1 min 0 s"), (200.0, "3 min 20 s"), (7500.0, "2 h 5 min"), (86400.0, "24 h 0 min")]
+    ("seconds", "words"), [(0.4, "0 s"), (59.4, "59 s"), (59.6, "1 min"), (200.0, "3 min 20 s"), (7500.0, "2 h 5 min"), (86400.0, "24 h")]
 )
 def test_a_time_is_told_in_two_units_at_most(seconds: float, words: str) -> None:
     assert told_time(seconds) == words
@@ -19,7 +19,7 @@ def test_a_time_is_told_in_two_units_at_most(seconds: float, words: str) -> None
 
 @pytest.mark.parametrize(
     ("share", "words"),
-    [(0.25, "3 of 12 flights, 20 s, about 1 min 0 s left"), (0.0, "3 of 12 flights, 20 s"), (1.0, "3 of 12 flights, 20 s")],
+    [(0.25, "3 of 12 flights, 20 s, about 1 min left"), (0.0, "3 of 12 flights, 20 s"), (1.0, "3 of 12 flights, 20 s")],
 )
 def test_what_is_left_follows_from_the_share_done(share: float, words: str) -> None:
     assert Told("3 of 12 flights", share, since=100.0).line(120.0) == words
