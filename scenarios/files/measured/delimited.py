@@ -125,8 +125,8 @@ def _refuse_other_layouts(path: Path, header: Sequence[str], lines: Rows, above:
     if len(header) == 1 and words > 1 and len(lines) > 1 and all(len(cells) == 1 and len(cells[0].split()) == words for _, cells in lines[1:]):
         raise RecordError("the columns are separated by blanks", where=f"{path}, row {lines[0][0]}", remedy="save it with commas between the columns")
     if sum(bool(cell.strip()) for cell in header) == 1 and len(lines) > 2:
-        under = [word for cell in lines[1][1] for word in _MARKS.split(cell) if word.strip()]
-        if len(under) > 1 and not any(_is_number(word) for word in under):
+        under, last = ([word for cell in lines[row][1] for word in _MARKS.split(cell) if word.strip()] for row in (1, -1))
+        if len(under) > 1 and not any(map(_is_number, under)) and any(map(_is_number, last)):
             what = "a title stands above the header"
             raise RecordError(what, where=f"{path}, row {lines[0][0]}", remedy=f"begin the line with {COMMENT}, or delete it")
     if above and above[-1].lstrip().startswith(COMMENT) and all(_is_number(cell) for cell in header):
