@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ident.tracing.belief.together import is_open_form
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.compared_sets import weighed
@@ -37,7 +38,8 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.
-    standing = None if partial is None or predicts_no_better(found.held, partial) else partial
+    # Nor is a force claimed whose form one curve leaves open.
+    standing = None if partial is None or is_open_form(partial.fitted) or predicts_no_better(found.held, partial) else partial
     if standing is not None and not standing.events_alone:
         return judged_again(ledger, found, standing)
     # Rough air is made of events: one of them is claimed where the rest is quiet.

@@ -45,9 +45,21 @@ def _family(effect: Traceable) -> str:
 
 def _of_one_curve(best: FittedModel) -> list[Caution]:
     """Two forces of a body that nothing drives and of which one output is recorded: a single curve shows one cause, whatever its form."""
-    forces = [effect.name for effect in best.foreground if effect.station in (Station.DYNAMICS, Station.DISTURBANCE) and not effect.traits.guard]
-    alone = len(best.fit.layout.problems) == 1 and len(best.system.output_names) == 1 and not best.system.input_names
-    if not alone or len(forces) < 2:
+    forces = _forces(best)
+    if not _is_one_curve(best) or len(forces) < 2:
         return []
     told = f"it takes {' and '.join(forces)} together to fit one curve of one output, which does not tell two forces from one of another form"
     return [Caution(Concern.ONE_CAUSE, told)]
+
+
+def is_open_form(best: FittedModel) -> bool:
+    """Whether a set that leaves more than noise has a force in one curve of one output: with what it leaves it is a force of another form."""
+    return _is_one_curve(best) and bool(_forces(best))
+
+
+def _is_one_curve(best: FittedModel) -> bool:
+    return len(best.fit.layout.problems) == 1 and len(best.system.output_names) == 1 and not best.system.input_names
+
+
+def _forces(best: FittedModel) -> list[str]:
+    return [effect.name for effect in best.foreground if effect.station in (Station.DYNAMICS, Station.DISTURBANCE) and not effect.traits.guard]

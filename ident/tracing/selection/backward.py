@@ -13,7 +13,8 @@ from sim.declaration.proposal import Refinable, Traceable
 
 def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
     """Drop each effect whose removal costs less than an addition has to bring; try to extend once more after a drop."""
-    best, accept = fitted, ledger.problem.settings.accept
+    accept = ledger.problem.settings.accept
+    ledger, best = smaller_as_good(ledger, fitted)
     while len(best.effects) > 1:
         smaller = []
         for effect in best.effects:
@@ -26,6 +27,28 @@ def backward_elimination(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, F
         ledger = _dropped(ledger, best, without, name, loss)
         ledger, children = expand(ledger, without, len(without.effects) + 1)
         best = min((without, *children), key=ledger.score)
+    return ledger, best
+
+
+def smaller_as_good(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
+    """The best of a set and of those one effect smaller than any that fits nearly as well: a search does not come to all of them on its way up.
+
+    What stands alone for two others may promise less than each of them at the declared model (a late surface where both of its sensors are
+    late), and is met beside one of them first.
+    """
+    accept, best = ledger.problem.settings.accept, fitted
+    if len(fitted.effects) < 2:
+        return ledger, fitted
+    near = [other for other in ledger.models.values() if len(other.effects) > 1 and 2.0 * (other.fit.cost - fitted.fit.cost) < accept]
+    for other in sorted(near, key=ledger.score):
+        for effect in other.effects:
+            if ledger.exhausted or frozenset(other.names) - {effect.name} in ledger.models:
+                continue
+            ledger, without = fitted_without(ledger, other, effect)
+            if without is None or (loss := gain(without, other, accept)) >= accept:
+                continue
+            ledger = _dropped(ledger, other, without, effect.name, loss)
+            best = min((best, ledger.known(without)), key=ledger.score)
     return ledger, best
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import cautions_of
-from ident.tracing.belief.together import may_begin_together, one_cause
+from ident.tracing.belief.together import is_open_form, may_begin_together, one_cause
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.diagnosis import Concern, Quantity
@@ -78,6 +78,13 @@ def test_one_curve_of_one_output_shows_one_force() -> None:
     assert one_cause(flown(("altitude",), (), two[0], DragDrift()), []) == [], "a guard says unexplained by itself"
     assert one_cause(flown(("altitude",), (), *two, records=2), []) == [], "another height tells the air from the body"
     assert one_cause(flown(("q",), ("elevator",), *two), []) == []
+
+
+def test_the_form_of_a_force_that_leaves_more_than_noise_is_open_in_one_curve() -> None:
+    air = DensityScaleHeight()
+    assert is_open_form(flown(("altitude",), (), air))
+    assert not is_open_form(flown(("altitude",), (), air, records=2)) and not is_open_form(flown(("q",), ("elevator",), air))
+    assert not is_open_form(flown(("altitude",), (), SensorScale("altitude"))) and not is_open_form(flown(("altitude",), ()))
 
 
 def test_a_set_is_asked_before_it_is_claimed() -> None:
