@@ -46,7 +46,7 @@ RECORDS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "empty file": (lambda lines: "", ("the file is empty", "give a header row")),
     "header without rows": (lambda lines: lines[0] + "\n", ("header but no rows", "give one row a sample")),
     "ragged": (with_row("0.04,0,0"), ("row 6", "3 cells under a header of 4")),
-    "semicolons": (lambda lines: "\n".join(lines).replace(",", ";"), ("row 1", "not separated by commas")),
+    "decimal commas": (lambda lines: "\n".join([*lines, "8,01,0,0,0"]), ("row ", "cells under a header of 4")),
 }
 
 VEHICLES: dict[str, tuple[tuple[str, str], tuple[str, ...]]] = {

@@ -202,7 +202,8 @@ def test_records_that_say_too_little_end_in_an_outcome(flightid: CommandLine, ri
         assert content["outcome"] == "not-identifiable"
         assert all(row["std"] > 0 for row in content["parameters"].values())
     told = flightid.done("identify", tmp_path / "two.csv", "--model", "rigid", "--vehicle", vehicle)
-    assert told.count("not determined") == 2, "one change of the elevator between two samples does not show what it does; no sigma of 1e30 is printed"
+    rows = [line for line in told.splitlines() if "not determined" in line and not line.startswith(("outcome", "result"))]
+    assert len(rows) == 2, "one change of the elevator between two samples does not show what it does; no sigma of 1e30 is printed"
 
 
 def test_records_in_which_nothing_moves_are_refused(flightid: CommandLine, rigid_folder: Path, vehicle: Path, tmp_path: Path) -> None:

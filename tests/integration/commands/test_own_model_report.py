@@ -19,7 +19,7 @@ NOT_ALIKE = {"created", "model", "model_sha256"}  # when it was made, and what t
 
 def alike(text: str) -> str:
     """A report without its name, its folder and its time."""
-    return re.sub(r"seconds: .*|details   below; in .*|written to .*|\d{4}-\d\d-\d\d[T ][\d:]+Z?", "", text.replace(OWN, BUILT_IN))
+    return re.sub(r"seconds: .*|written to .*|below; in .*|--model \S+|\d{4}-\d\d-\d\d[T ][\d:]+Z?", "", text.replace(OWN, BUILT_IN))
 
 
 def common(content: Any) -> Any:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,14 @@ main(sys.argv[1:])
 """
 
 
+@pytest.fixture(autouse=True)
+def hears_the_terminal() -> Iterator[None]:
+    """Ctrl-C is heard, as at a terminal: a shell that starts something in the background has it ignored, also by what that starts."""
+    former = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
 def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:
     """Run a command in a session of its own, send Ctrl-C to all of it when it has ``begun``; exit code and the two streams."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -50,7 +59,11 @@ def stopped(code: str, folder: Path, *arguments: str) -> tuple[int, str, str]:
             assert running.poll() is None and time.monotonic() - begin < 60.0, running.communicate()
             time.sleep(0.05)
         os.killpg(running.pid, signal.SIGINT)
-        out, err = running.communicate(timeout=PATIENCE)
+        try:
+            out, err = running.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(running.pid, signal.SIGKILL)
+            raise
     with pytest.raises(ProcessLookupError):
         os.killpg(running.pid, 0)  # no worker is left
     return running.returncode, out, err

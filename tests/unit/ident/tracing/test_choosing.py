@@ -53,7 +53,7 @@ def traced(records: Sequence[Record], validation: Record) -> Diagnosis:
 
 def looked_at(diagnosis: Diagnosis) -> list[Candidate]:
     """The evidence without what is told of held-out data."""
-    return [replace(candidate, held_out_change=None) for candidate in diagnosis.candidates]
+    return [replace(candidate, held_out_change=None, held_out_scatter=None) for candidate in diagnosis.candidates]
 
 
 def values(diagnosis: Diagnosis) -> dict[str, float]:

@@ -95,7 +95,7 @@ def test_accelerations_serve_as_load_factors_and_a_bias_is_told_as_one(records: 
     assert plain.result is not None and "ny" in plain.result.channels
     biased = kinematics_of([misread(one, "p", lambda record: record["p"].values + 0.03)], SETTINGS["lateral"], LATERAL)
     (line,) = kinematics_lines(biased, [], Wording())
-    assert "bias:p, p reads 0.03" in line and line.endswith("the fits of a diagnosis leave a bias of each channel free")
+    assert "bias:p, p reads 1.7" in line and "deg/s too much" in line and line.endswith("the fits of a diagnosis leave a bias of each channel free")
     assert "parameters" in kinematics_content(biased, [], Wording())["findings"][0]
 
 
