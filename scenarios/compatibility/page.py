@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from ident.compatibility.six_degrees.channels import CHANNELS
 from scenarios.compatibility.check import Check
 from scenarios.compatibility.text import finding_lines, print_by_record, print_estimates, unit_of
 from scenarios.pages.folder import figures
@@ -37,7 +38,7 @@ def check_page(check: Check, drawn: Sequence[Drawn] = ()) -> Page:
         sections=(
             *section("What stands", Bullets(tuple(map(sentence, lines)))),
             *section("Every fault by both methods", *_estimates(check)),
-            *section("What these channels cannot tell", Bullets(tuple(map(sentence, result.cannot_tell)))),
+            *section("What these channels cannot tell", Bullets(tuple(map(_limit, result.cannot_tell)))),
             *section("Figures", *figures(drawn)),
             *section("The record as it was recorded", record_table(check.look)),
             *section("How it was made", *_made(check)),
@@ -45,6 +46,11 @@ def check_page(check: Check, drawn: Sequence[Drawn] = ()) -> Page:
         reproduction=reproduction(["flightid", "check", *(file.name for file in check.files), *given], "", inputs),
         created=now(),
     )
+
+
+def _limit(line: str) -> str:
+    # The name of a channel keeps its small letter.
+    return f"{line}." if line.partition(":")[0] in CHANNELS else sentence(line)
 
 
 def _estimates(check: Check) -> list[Block]:

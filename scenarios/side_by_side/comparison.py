@@ -33,6 +33,10 @@ class SideBySide:
         """What a column says of a parameter or derived quantity; None where it says nothing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
+    def words(self, name: str) -> str:
+        """How a row is called: a parameter by its name, a derived quantity in words."""
+        return name if name in self.names else name.replace("_", " ")
+
     def unit(self, name: str) -> str:
         """The one unit of a parameter or derived quantity."""
         return next(value.unit for column in self.columns if (value := self.value(name, column)) is not None)

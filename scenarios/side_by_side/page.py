@@ -80,7 +80,7 @@ def _table(
     columns = [Column("parameter"), *([Column("true", BY_ROW)] if with_true else [])]
     columns += [Column(compared.columns[at].label + (" ± σ" if caption == ESTIMATES else ""), unit) for at in shown]
     known_true = dict(zip(names, true, strict=True)) if with_true else {}
-    rows = tuple((name, *([known(known_true[name])] if with_true else []), *(row[at] for at in shown)) for name, row in cells.items())
+    rows = tuple((compared.words(name), *([known(known_true[name])] if with_true else []), *(row[at] for at in shown)) for name, row in cells.items())
     return Table(caption, tuple(columns), rows, tuple(compared.unit(name) for name in cells))
 
 

@@ -56,7 +56,7 @@ def _print(
     if not names:
         return
     fixed = [
-        Column("parameter", names, left=True),
+        Column("parameter", [compared.words(name) for name in names], left=True),
         Column("unit", [unit_cell(shown_in(compared.unit(name), name).unit) for name in names], left=True),
         *further,
     ]

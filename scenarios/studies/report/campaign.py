@@ -11,6 +11,7 @@ from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.terminal.numbers import number
 
 TWO_SIGMA = 0.9545  # of a normal distribution
 
@@ -62,7 +63,7 @@ def _size(s: Spread, count: int) -> tuple[Cell, ...]:
 
 def _of_two(value: float) -> Cell:
     """A deviation with two digits."""
-    return Number(value, shown=f"{value:.2g}")
+    return Number(value, shown=number(value, value))
 
 
 def _shares(spreads: Sequence[Spread]) -> Table:
