@@ -17,7 +17,7 @@ Found = Sequence[tuple[Traceable, Mapping[str, Quantity]]]
 
 def one_cause(best: FittedModel, found: Found) -> list[Caution]:
     """Cautions where effects with these parameters (by local name) stand for one cause that is none of them; empty where they do not."""
-    return [*_at_one_moment(best, found), *_of_one_curve(best)]
+    return [*_at_one_moment(best, found), *_of_one_curve(best), *_beside_a_general_form(best)]
 
 
 def _at_one_moment(best: FittedModel, found: Found) -> list[Caution]:
@@ -49,6 +49,16 @@ def _of_one_curve(best: FittedModel) -> list[Caution]:
     if not _is_one_curve(best) or len(forces) < 2:
         return []
     told = f"it takes {' and '.join(forces)} together to fit one curve of one output, which does not tell two forces from one of another form"
+    return [Caution(Concern.ONE_CAUSE, told)]
+
+
+def _beside_a_general_form(best: FittedModel) -> list[Caution]:
+    """A curve of any signal bends to whatever shape the cause has, nearly: what it takes beside it may be what it misses of that one cause."""
+    general = [effect.name for effect in best.foreground if effect.traits.general]
+    beside = [effect.name for effect in best.foreground if not (effect.traits.general or effect.traits.guard)]
+    if not general or not beside:
+        return []
+    told = f"{' and '.join(general)} leaves noise only with {' and '.join(beside)} beside it, which may be what the curve misses of the cause"
     return [Caution(Concern.ONE_CAUSE, told)]
 
 

@@ -17,10 +17,12 @@ from ident.tracing.diagnosis import Concern, Quantity
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.dynamics.curves.varies import Varies
 from sim.effects.dynamics.density_scale_height import DensityScaleHeight
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.dynamics.drag_jump import DragJump
 from sim.effects.guards.drag_drift import DragDrift
+from sim.effects.input_path.input_recorded_late import InputRecordedLate
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_step import SensorStep
 from tests.tracing_problem import fit_of, planted, problem_of
@@ -85,6 +87,13 @@ def test_the_form_of_a_force_that_leaves_more_than_noise_is_open_in_one_curve() 
     assert is_open_form(flown(("altitude",), (), air))
     assert not is_open_form(flown(("altitude",), (), air, records=2)) and not is_open_form(flown(("q",), ("elevator",), air))
     assert not is_open_form(flown(("altitude",), (), SensorScale("altitude"))) and not is_open_form(flown(("altitude",), ()))
+
+
+def test_what_a_general_form_needs_beside_it_is_not_told_from_what_it_misses() -> None:
+    curve, late = Varies(), InputRecordedLate()
+    told = one_cause(flown(("q",), ("elevator",), curve, late), [])
+    assert [caution.concern for caution in told] == [Concern.ONE_CAUSE] and f"{curve.name} leaves noise only with {late.name}" in told[0].sentence
+    assert one_cause(flown(("q",), ("elevator",), curve), []) == [] and one_cause(flown(("q",), ("elevator",), late, SensorScale("q")), []) == []
 
 
 def test_a_set_is_asked_before_it_is_claimed() -> None:
