@@ -100,6 +100,6 @@ def test_derived_frequencies_come_in_both_units() -> None:
         "natural frequency 4.270 +- 0.050 rad/s (0.68 Hz); delay"
     )
     for verdict in Verdict:
-        rows = [line.split() for line in diagnosis_text(tracing_of(verdict)).splitlines() if line.strip().startswith("natural_frequency")]
-        assert [row[1] for row in rows] == ["rad/s", "Hz"]
-        assert float(rows[1][2]) == pytest.approx(float(rows[0][2]) / (2.0 * math.pi), abs=0.01)
+        rows = [line.split() for line in diagnosis_text(tracing_of(verdict)).splitlines() if line.strip().startswith("natural frequency")]
+        assert [row[2] for row in rows] == ["rad/s", "Hz"]
+        assert float(rows[1][3]) == pytest.approx(float(rows[0][3]) / (2.0 * math.pi), abs=0.01)
