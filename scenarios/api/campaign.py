@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,17 +107,26 @@ def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, s
     Raises
     ------
     InputError : there is no such scenario or method, or it is none of estimators.
+    KeyboardInterrupt : by Ctrl-C; runs that had ended are lost, which the command alone keeps.
     """
     text = str(name)
-    if isinstance(runs, bool) or not isinstance(runs, int) or runs < 2:
-        raise DeclarationError(f"{runs!r:.60} runs", where="runs", remedy="give a whole number, two or more")
+    count = _count_of(runs)
     kind = scenario_kind(text) if text not in LOOP else "the tracing loop"
     if kind != IDENTIFICATION:
         what = f"{text} is a campaign of {kind}, and only those of estimators are run from Python"
         raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
     scenario = load_scenario(text, changes_of(set))
     with named_after(scenario_file(text)):
-        return Campaign(campaigns.fly_campaign(scenario, runs, seed_of(seed), method or "main"))
+        found = campaigns.fly_campaign(scenario, count, seed_of(seed), method or "main")
+    if len(found.seeds) < found.asked:
+        raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
+    return Campaign(found)
+
+
+def _count_of(given: Any) -> int:
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < 2:
+        raise DeclarationError(f"{given!r:.60} runs", where="runs", remedy="give a whole number, two or more")
+    return int(given)
 
 
 def _cell(value: Any) -> str:

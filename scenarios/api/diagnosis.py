@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -13,7 +13,7 @@ from scenarios.api import plot
 from scenarios.api.asking import Declared, Source, Times, plan_from, request_of
 from scenarios.api.records.opening import Choices
 from scenarios.api.records.record import Record, record_of
-from scenarios.api.running import KEPT
+from scenarios.api.running import KEPT, Progress, untold
 from scenarios.api.shown import html
 from scenarios.api.shown.effect_claims import Effect, claimed_effects
 from scenarios.api.shown.parameters import Parameter, Parameters
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from ident.tracing.diagnosis import Quantity
     from sim.declaration.proposal import Traceable
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -237,11 +235,7 @@ def diagnose(
         aircraft_class=aircraft_class,
         category=category,
     )
-    return Diagnosis(diagnose_files(request, progress or _untold))
-
-
-def _untold(stage: str, share: float) -> None:
-    """Progress that nobody asked for."""
+    return Diagnosis(diagnose_files(request, progress or untold))
 
 
 def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:

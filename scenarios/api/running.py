@@ -44,7 +44,7 @@ class Runner:
 
 
 def untold(stage: str, share: float) -> None:
-    """Progress of what is done before a bar could be read."""
+    """Progress that nobody asked for."""
 
 
 def _identification(name: str, changes: Sequence[str]) -> Runner:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 
@@ -17,6 +18,8 @@ def run_typed(arguments: list[str] | None = None) -> None:
     """Run what was typed (None: in the shell) and end with its exit code, as ``scenarios.cli.main`` says."""
     for name in _THREADS:
         os.environ.setdefault(name, "1")  # read when NumPy is loaded, by the command itself
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a letter that the terminal does not have ends no study
     given = (sys.argv[1:] if arguments is None else arguments) or ["--help"]
     debug = "--debug" in given
     try:

@@ -35,8 +35,13 @@ def telling(out: Path | None, figures: Formats, *, quiet: bool, as_json: bool, d
         return
     with contextlib.ExitStack() as stack:
         folder = out if out is not None else Path(stack.enter_context(TemporaryDirectory(prefix="flightid-"))) / "study"
-        with contextlib.redirect_stdout(io.StringIO()):
-            yield Told(folder, figures if out is not None else (), progress=not quiet)
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                yield Told(folder, figures if out is not None else (), progress=not quiet)
+        except KeyboardInterrupt:
+            if out is not None:
+                raise
+            raise KeyboardInterrupt from None  # what it says is kept is in a folder that is gone now
         texts = [(folder / name).read_text(encoding="utf-8") for name in documents]
     if as_json:
         sys.stdout.write(texts[0] if len(texts) == 1 else "[\n" + ",\n".join(text.rstrip("\n") for text in texts) + "\n]\n")

@@ -37,7 +37,7 @@ def write_record(folder: str | Path, record: Record, stem: str = "record", *, si
     writer.writerows(
         ["" if math.isnan(value) else repr(value) for value in row] for row in zip(*(column.tolist() for column in columns), strict=True)
     )
-    _put(table, text.getvalue())
+    write_text(table, text.getvalue())
     units = {TIME: "s", **{channel.name: channel.unit for channel in record.channels}}
     origin = {"origin": SIMULATED} if simulated else {}
     write_json(sidecar, {"schema": SCHEMA, "name": record.name, "hold": record.hold.value, "units": units, **origin})
@@ -72,7 +72,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
     ------
     FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does not know; nothing is written.
     """
-    _put(Path(path), json_text(content, str(path)) + "\n")
+    write_text(Path(path), json_text(content, str(path)) + "\n")
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
@@ -80,11 +80,14 @@ def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     return _laid_out(_plain(content, where, ""), "")
 
 
-def _put(path: Path, text: str) -> None:
-    """Write a whole file or none: under another name beside it, then renamed."""
+def write_text(path: Path, text: str) -> None:
+    """Write a whole file or none, UTF-8: under another name beside it, then renamed.
+
+    A byte of a file's name that is no UTF-8 is written as ``\\udcff``, which JSON reads back as it was. Raises OSError.
+    """
     part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(text.encode("utf-8"))
+        part.write_bytes(text.encode("utf-8", "backslashreplace"))
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)

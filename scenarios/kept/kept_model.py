@@ -104,6 +104,12 @@ class KeptFile:
 
     def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
         """The model; ``own`` are the user's effects. Raises DeclarationError where it cannot be made again."""
+        try:
+            return self._made(own)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise _unreadable(self.path) from None
+
+    def _made(self, own: Sequence[Traceable]) -> KeptModel:
         c, where = self.content, str(self.path)
         before = _trained(c["before"], own, where) if "before" in c else None
         return KeptModel(
@@ -141,9 +147,21 @@ def read_kept(folder: str | Path) -> KeptFile:
         raise _no_model(folder) from None
     except (OSError, ValueError):
         content = None
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise DeclarationError("this is no model that can be read here", where=str(path), remedy="run the study again")
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA or not _says_its_files(content):
+        raise _unreadable(path)
     return KeptFile(path, content)
+
+
+def _says_its_files(content: Mapping[str, Any]) -> bool:
+    """Whether a model says what it was declared with, in texts: this is read before its parameters are."""
+    files = content.get("files")
+    if not isinstance(files, dict) or not all(isinstance(content.get(key), str) for key in ("made_by", "model", "vehicle_text")):
+        return False
+    return all(isinstance(each, dict) and all(isinstance(each.get(key), str) for key in ("name", "sha256")) for each in files.values())
+
+
+def _unreadable(path: Path) -> DeclarationError:
+    return DeclarationError("this is no model that can be read here", where=str(path), remedy="run the study again")
 
 
 def _no_model(folder: Path) -> DeclarationError:

@@ -7,21 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.writing import write_json
+from scenarios.files.writing import write_json, write_text
 from scenarios.pages.model import Figure, Page
 from scenarios.pages.rendering import page_html
 from scenarios.pages.storing import page_content, page_of
 from scenarios.plots.page.named import Drawn
+from scenarios.terminal.summary import PAGE
 from sim.errors import FlightidError
 
-PAGE, CONTENT = "report.html", "report.json"
+CONTENT = "report.json"
 _DOCUMENTS = ("comparison.json", "diagnosis.json", "compatibility.json", "campaign.json", "compared.json")
 
 
 def write_page(folder: Path, page: Page) -> None:
     """Write ``report.json`` and ``report.html`` into a folder that exists."""
     write_json(folder / CONTENT, page_content(page))
-    (folder / PAGE).write_bytes(page_html(page).encode("utf-8"))
+    write_text(folder / PAGE, page_html(page))
 
 
 def rebuilt(folder: str | Path) -> Path:
@@ -38,12 +39,14 @@ def rebuilt(folder: str | Path) -> Path:
     if not source.is_file():
         raise FlightidError(f"has no {CONTENT}: {_older(folder)}", where=str(folder), remedy=_again(folder))
     try:
-        page = page_of(json.loads(source.read_bytes()))
+        text = page_html(page_of(json.loads(source.read_bytes())))
     except (KeyError, TypeError, ValueError, AttributeError, FlightidError):
         raise FlightidError("is no content of a page that this version can show", where=str(source), remedy=_again(folder)) from None
+    except OSError as error:
+        raise FlightidError(f"cannot be read ({error.strerror})", where=str(source), remedy="name a folder that you may read") from None
     target = folder / PAGE
     try:
-        target.write_bytes(page_html(page).encode("utf-8"))
+        write_text(target, text)
     except OSError as error:
         raise FlightidError(f"cannot be written ({error.strerror})", where=str(target), remedy="name a folder that you may write in") from None
     return target

@@ -9,6 +9,7 @@ from scenarios.pages.numbers import PURE, Cell, Number
 from sim.errors import ModelError
 
 BY_ROW = "by row"  # the unit of a column whose rows have units of their own
+_NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)  # names such as 1_2 or nan are none
 TONES = ("good", "fair", "open", "plain")
 
 
@@ -145,11 +146,7 @@ def section(title: str, *blocks: Block | None, parts: tuple[Section, ...] = (), 
 
 
 def _is_number(text: str) -> bool:
-    try:
-        float(text.replace("−", "-").rstrip(" %"))
-    except ValueError:
-        return False
-    return True
+    return _NUMBER.fullmatch(text) is not None
 
 
 __all__ = ["BY_ROW", "PURE", "Block", "Bullets", "Column", "Figure", "Fold", "Number", "Page", "Prose", "Reproduction", "Section", "Table", "section"]

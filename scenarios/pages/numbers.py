@@ -72,9 +72,9 @@ def known(value: float | None, digits: int | None = None, *, signed: bool = Fals
 
 
 def read_cell(text: str) -> Cell:
-    """What a printed table says: a number that is one (with its sigma, and per cent), else the words."""
+    """What a printed table says: a finite number (with its sigma, and per cent), else the words."""
     found = _QUANTITY.fullmatch(text.strip())
-    if found is None:
+    if found is None or not math.isfinite(float(found["value"])) or not math.isfinite(float(found["sigma"] or 0.0)):
         return signs(text) if text.strip() not in ("-", "") else ("–" if text.strip() else "")
     value, sigma = float(found["value"]), found["sigma"]
     unit = (found["unit"] or "").strip().replace("sigma", "σ")

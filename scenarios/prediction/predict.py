@@ -101,7 +101,7 @@ def predict_record(asked: Asked) -> Prediction:
     ready = prepare([source], model, plan, choices, flow=reading.flow, attitude=reading.attitude, decided=decided)
     record, declared = ready.fitted[0], ready.model
     _refuse_without_attitude(kept, declared, record)
-    refuse_unpredictable([record], declared)
+    refuse_unpredictable([record], declared, "")
     channels = tuple(name for name in kept.after.outputs if name in record.output_names)
     if not channels:
         remedy = f"the study's outputs are {', '.join(kept.after.outputs)}; map the columns with --channels"
@@ -147,7 +147,9 @@ def _vehicle(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
         return read_vehicle(None, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         entry = file.file("vehicle")
-        path = Path(folder) / (entry.name if entry is not None else "vehicle.toml")
+        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is written outside this folder.
+        named = Path(entry.name).name.lstrip(".") if entry is not None else ""
+        path = Path(folder) / (named or "vehicle.toml")
         path.write_text(text, encoding="utf-8")
         return read_vehicle(path, chosen)
 

@@ -66,12 +66,16 @@ def _label(unit: str) -> str:
     return "no unit" if unit in ("", "1") else repr(unit)
 
 
-def refuse_unpredictable(records: Sequence[Record], model: Model) -> None:
-    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one that says nothing, or too little."""
+def refuse_unpredictable(records: Sequence[Record], model: Model, option: str = "--validate") -> None:
+    """Nothing where each record can be predicted by a fit of others. Raises RecordError for one that says nothing, or too little.
+
+    ``option``: by which the records were named, empty where they are what the command is about.
+    """
     for record in records:
         why = why_unpredictable(record, model)
         if why:
-            raise RecordError(why, where=f"{record.name} (--validate)", remedy="name a longer record with a maneuver, or leave --validate out")
+            where, leave = (f"{record.name} ({option})", f", or leave {option} out") if option else (record.name, "")
+            raise RecordError(why, where=where, remedy=f"name a longer record with a maneuver{leave}")
 
 
 def why_unpredictable(record: Record, model: Model) -> str:

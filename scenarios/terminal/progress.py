@@ -30,7 +30,7 @@ class Told:
         """``"37 of 100 flights, 24 s, about 41 s left"``."""
         passed = now - self.since
         left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
-        return ", ".join([*([self.stage] if self.stage else []), told_time(passed), *([f"about {told_time(left)} left"] if left else [])])
+        return ", ".join([*([self.stage] if self.stage else []), told_time(passed), *([f"about {told_time(left)} left"] if round(left) else [])])
 
 
 @contextmanager

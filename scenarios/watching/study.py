@@ -14,9 +14,10 @@ from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_record
 from scenarios.identification.result import Identification
-from scenarios.pages.folder import CONTENT, PAGE, write_page
+from scenarios.pages.folder import CONTENT, write_page
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.rows import Row
+from scenarios.terminal.summary import PAGE
 from scenarios.watching.estimates import SoFar, nearest, plain_so_far
 from scenarios.watching.history import NAME, History
 from scenarios.watching.reference import Reference

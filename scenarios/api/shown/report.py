@@ -8,9 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from scenarios.terminal.summary import PAGE
 from sim.errors import DeclarationError
-
-PAGE = "report.html"
 
 
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:

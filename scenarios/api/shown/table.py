@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -69,8 +69,3 @@ def _text(cell: Any) -> str:
 def _shortened(cell: Any) -> str:
     text = _text(cell)
     return text if len(text) <= SHOWN else text[: SHOWN - 4].rstrip() + " ..."
-
-
-def rows_of(pairs: Sequence[Sequence[Any]]) -> tuple[tuple[Any, ...], ...]:
-    """Rows as a Table holds them."""
-    return tuple(tuple(row) for row in pairs)

@@ -13,7 +13,8 @@ from scenarios.diagnosis.report.evidence import record_labels, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_content
 from scenarios.diagnosis.report.mode_levels import levels_both
 from scenarios.diagnosis.report.probabilities import shown_probability
-from scenarios.diagnosis.report.text import derived_of, headline, verdict_advice, wording_of
+from scenarios.diagnosis.report.tables import derived_of
+from scenarios.diagnosis.report.text import headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import Wording, sentence
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import channel_units

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
-from scenarios.diagnosis.report import text
-from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.report import tables, text
 from scenarios.diagnosis.report.declared_only import DECLARED, nothing_stands, shown_columns, shown_rows
 from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
+from scenarios.diagnosis.report.tables import candidate_rows, weighed_rows
 from scenarios.diagnosis.report.wording import parameter_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.own_models import channel_units
@@ -115,22 +115,22 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    rows = shown_rows(d, ("", *text.error_headings(d)), text.error_rows(d, channel_units(tracing.model)))
+    rows = shown_rows(d, ("", *tables.error_headings(d)), tables.error_rows(d, channel_units(tracing.model)))
     after = "No effect stands as the cause, so there is nothing to hold against the declared model."
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only initial states and biases were fitted there. {note}"
     )
-    table = rows_table("Simulation error", ("channel", *shown_columns(d, text.error_headings(d))), rows)
+    table = rows_table("Simulation error", ("channel", *shown_columns(d, tables.error_headings(d))), rows)
     return section("Simulation error", table, Prose(told, "note"))
 
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    headings = text.derivative_headings(d)
-    rows = shown_rows(d, ("", *headings), text.derivative_rows(d.before, d.after, d.scatter))
-    derived = shown_rows(d, ("", *text.DERIVED_HEADINGS), text.derived_rows(d))
-    note, title = text.sigma_note(d), text.moved_title(d)
+    headings = tables.derivative_headings(d)
+    rows = shown_rows(d, ("", *headings), tables.derivative_rows(d.before, d.after, d.scatter))
+    derived = shown_rows(d, ("", *tables.DERIVED_HEADINGS), tables.derived_rows(d))
+    note, title = tables.sigma_note(d), tables.moved_title(d)
     brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = shown_rows(d, ("", *LEVEL_HEADINGS), level_rows(tracing))
@@ -143,7 +143,7 @@ def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         rows_table("Derivatives", ("name", *shown_columns(d, headings)), rows),
-        rows_table("What follows from them", ("name", *shown_columns(d, text.DERIVED_HEADINGS)), derived),
+        rows_table("What follows from them", ("name", *shown_columns(d, tables.DERIVED_HEADINGS)), derived),
         Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note") if note else None,
         parts=parts,
     )

@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
 from scenarios.diagnosis.effort import effort_sentence
-from scenarios.diagnosis.noise_words import is_coloured, noise_headings, noise_word, residual_levels
-from scenarios.diagnosis.report.candidate_tables import candidate_rows, weighed_rows
+from scenarios.diagnosis.noise_words import noise_word
 from scenarios.diagnosis.report.declared_only import nothing_stands, shown_columns, shown_rows
-from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_rows, scatter_text, warnings_of
+from scenarios.diagnosis.report.evidence import evidence_sentences, member_tables, scatter_text, warnings_of
 from scenarios.diagnosis.report.kinematics_text import kinematics_lines
 from scenarios.diagnosis.report.mode_levels import LEVEL_HEADINGS, level_changes, level_rows, levels_title
 from scenarios.diagnosis.report.probabilities import probability_sentence
 from scenarios.diagnosis.report.separating_maneuvers import separating_maneuvers
+from scenarios.diagnosis.report.tables import (
+    DERIVED_HEADINGS,
+    MOVED,
+    candidate_rows,
+    derivative_headings,
+    derivative_rows,
+    derived_rows,
+    error_headings,
+    error_rows,
+    moved,
+    moved_title,
+    short,
+    sigma_note,
+    weighed_rows,
+)
 from scenarios.diagnosis.report.wording import Wording, group_sentence, parameter_text, sentence
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.own_models import channel_units, is_of_aircraft
 from scenarios.preparation.record_words import record_lines
-from scenarios.terminal.display_units import is_frequency, shown_in
+from scenarios.terminal.display_units import shown_in
 from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.quantities import CHANNELS, value_text
 from scenarios.terminal.summary import BELOW, Summary, residual_phrase, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
 
-MOVED = 2.0  # sigmas
 WORDS = ("parameters", "remarks", "cross-validated?")  # headings of columns of words, at the left wherever they stand
 
 
@@ -77,10 +88,8 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
 
-DERIVED_HEADINGS = ("unit", "before", "after", "moved by")
 WEIGHED_TITLE = "cross-validation: change of the error on records that were not fitted, and whether the effect passes"
 MEMBER_TITLE = "derivatives under each effect that these data cannot tell apart (* more than two of both sigmas from the first)"
-SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 CANDIDATE_HEADINGS = ("round", "candidate", "gain", "p", "not fitted", "parameters", "remarks")
 CANDIDATE_TITLE = "best candidates of each round: gain of the log likelihood; p of one by itself; change of the error on data not fitted"
 
@@ -154,89 +163,6 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
     return f"{hint}{group_sentence(claim, wording) if claim.evidence is not None else sentence(claim, wording)}{where}"
 
 
-def error_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of ``error_rows`` behind the channel."""
-    return ("unit", "before", "after", *noise_headings(d))
-
-
-def error_rows(d: Diagnosis, units: Mapping[str, str] = CHANNEL_UNITS) -> list[tuple[str, ...]]:
-    """Channel, unit, error before and after, what the fit leaves where it is not the noise, and the noise; angles and their rates in degrees."""
-    rows: list[tuple[str, ...]] = []
-    left = residual_levels(d)
-    for channel, before in d.error_before.rmse.items():
-        factor, unit = shown_in(units.get(channel, ""), channel)
-        noise = (*([left.get(channel, math.nan)] if is_coloured(d) else []), d.noise_floor.get(channel, math.nan))
-        shown = (before, d.error_after.rmse.get(channel, math.nan), *noise)
-        rows.append((channel, unit, *(_short(factor * value) for value in shown)))
-    return rows
-
-
-def derivative_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of ``derivative_rows`` behind the name, with a column of the scatter where it is known."""
-    return ("unit", "before", "after", *(["run-to-run"] if d.scatter else []), "moved by")
-
-
-def derivative_rows(
-    before: Mapping[str, Quantity], after: Mapping[str, Quantity], scatter: Mapping[str, float] | None = None
-) -> list[tuple[str, ...]]:
-    """Name, unit, value +- sigma before and after, run-to-run scatter where any is known, the move in sigmas of both (marked beyond two)."""
-    rows: list[tuple[str, ...]] = []
-    for name, old in before.items():
-        new = after.get(name)
-        if new is None:
-            continue
-        sigmas = moved(old, new)
-        mark = " *" if abs(sigmas) > MOVED else "  "
-        move = f"{sigmas:+.1f} sigma{mark}" if abs(sigmas) >= 0.05 else "-  "
-        unit = old.unit if old.unit != "1" else ""
-        rows.append(
-            (name, unit, value_text(old.value, old.std), value_text(new.value, new.std), *(scatter_rows(scatter, [name]) if scatter else []), move)
-        )
-    return rows
-
-
-def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
-    """What follows from the derivatives, before and after; a delay of the model itself stands there as well."""
-    pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
-    before, after = ({**derived, **({"delay": own["delay"]} if "delay" in own else {})} for derived, own in pairs)
-    return before, after
-
-
-def derived_rows(d: Diagnosis) -> list[tuple[str, ...]]:
-    """Rows of what follows from the derivatives; a frequency in rad/s and once more in Hz."""
-    rows: list[tuple[str, ...]] = []
-    before, after = derived_of(d)
-    for name in (name for name in before if name in after):
-        words = name.replace("_", " ")
-        rows += derivative_rows({words: before[name]}, {words: after[name]})
-        if is_frequency(name, before[name].unit):
-            rows += derivative_rows({words: _hertz(before[name])}, {words: _hertz(after[name])})
-    return rows
-
-
-def _hertz(q: Quantity) -> Quantity:
-    return Quantity(q.value / (2.0 * math.pi), q.std / (2.0 * math.pi), "Hz")
-
-
-def sigma_note(d: Diagnosis) -> str:
-    """That sigmas are widened, where they are; the scatter is that of fits with the effects, and nothing to say where none stands."""
-    return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
-
-
-def moved_title(d: Diagnosis) -> str:
-    """Heading of the table of derivatives."""
-    if nothing_stands(d):
-        return "derivatives of the declared model: something is missing in it, they carry what it costs"
-    any_moved = any(abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after)
-    return "derivatives (* moved by more than two sigmas of both together)" if any_moved else "derivatives"
-
-
-def moved(old: Quantity, new: Quantity) -> float:
-    """The change in standard deviations of both together; zero where neither is known."""
-    spread = math.hypot(old.std, new.std)
-    return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
-
-
 def _shown_of(d: Diagnosis, title: str, headings: Sequence[str], cells: Sequence[Sequence[str]], width: int, note: str = "") -> list[str]:
     """A table of the declared model and the one with the effects, or of the declared one alone where none stands."""
     return _titled(title, shown_columns(d, headings), shown_rows(d, headings, cells), width, note)
@@ -290,9 +216,9 @@ def _error_phrase(tracing: Tracing) -> str:
         return ""
     fell = max(channels, key=lambda name: (before[name] - after[name]) / (floors.get(name) or before[name] or 1.0))
     factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
-    old, new = _short(factor * before[fell]), _short(factor * after[fell])
+    old, new = short(factor * before[fell]), short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
-    tail = f", {noise_word(d, fell)} {_short(factor * floors[fell])}" if fell in floors else ""
+    tail = f", {noise_word(d, fell)} {short(factor * floors[fell])}" if fell in floors else ""
     word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
     return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 
@@ -301,7 +227,3 @@ def _most_moved(d: Diagnosis) -> str:
     moves = {name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after}
     name = max(moves, key=lambda each: moves[each], default="")
     return name if name and moves[name] > MOVED else ""
-
-
-def _short(value: float) -> str:
-    return "-" if not math.isfinite(value) else f"{value:.3g}" if value < 1e4 else f"{value:.0f}" if value < 1e7 else f"{value:.2g}"

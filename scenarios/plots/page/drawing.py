@@ -25,7 +25,7 @@ FULL = 400.0  # points: a wider figure is moved sideways on a small screen rathe
 def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page. Every other one is drawn by a fork where there may be one."""
     named = list(figures)
-    helper = os.fork() if len(named) > 1 and _may_fork() else None
+    helper = _fork() if len(named) > 1 and _may_fork() else None
     if helper == 0:
         failed = 1
         try:
@@ -33,9 +33,14 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
             failed = 0
         finally:
             os._exit(failed)
-    own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
-    if helper is not None and os.waitpid(helper, 0)[1] == 0:
-        own |= gathered(folder)
+    ended = 1
+    try:
+        own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
+    finally:
+        if helper is not None:  # also where drawing failed: nobody writes into the folder from here on
+            ended = os.waitpid(helper, 0)[1]
+    left = gathered(folder)
+    own |= left if ended == 0 else {}
     return tuple(Drawn(stem, own.get(stem) or _drawn(stem, make, folder, formats), caption_of(stem)) for stem, make in named)
 
 
@@ -49,6 +54,14 @@ def _drawn(stem: str, make: Callable[[], Figure], folder: Path, formats: Formats
     figure = make()
     save_figure(figure, folder, stem, formats)
     return page_svg(figure, stem)
+
+
+def _fork() -> int | None:
+    """The helper's id, 0 within it; None where the system has no room for another process."""
+    try:
+        return os.fork()
+    except OSError:
+        return None
 
 
 def _may_fork() -> bool:

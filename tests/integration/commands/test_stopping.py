@@ -10,9 +10,12 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+import flightid as fid
+from scenarios.cli.telling import telling
 from scenarios.files.folders import study_folder
 from scenarios.trials.planted import study
 from tests.integration.command_line import CommandLine
@@ -101,3 +104,19 @@ def test_ctrl_c_while_files_are_put_in_place_waits_until_they_are(tmp_path: Path
         monkeypatch.setattr(os, "replace", with_signal)
     assert json.loads((tmp_path / "study" / "study.json").read_text())["files"] == ["study.json", "table.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["study"]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_what_is_stopped_names_no_folder_that_is_gone(tmp_path: Path, kept: bool) -> None:
+    with (
+        pytest.raises(KeyboardInterrupt) as stopped,
+        telling(tmp_path / "study" if kept else None, (), quiet=True, as_json=True, documents=["campaign.json"]) as told,
+    ):
+        raise KeyboardInterrupt(f"the table is in {told.out}")
+    assert str(stopped.value) == (f"the table is in {tmp_path}/study" if kept else "")
+
+
+def test_a_campaign_in_python_is_whole_or_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scenarios.studies.campaign.fly_campaign", lambda *_: SimpleNamespace(seeds=range(1, 4), asked=9))
+    with pytest.raises(KeyboardInterrupt, match="3 of 9 runs"):
+        fid.campaign("rigid", 9)

@@ -88,9 +88,12 @@ def test_printed_numbers_are_numbers_again(text: str, value: float, sigma: float
     assert isinstance(cell, Number) and (cell.value, cell.sigma, cell.unit) == (value, sigma, unit)
 
 
-@pytest.mark.parametrize("text", ["not determined", "1 to 5 %", "level 1 (97 %)", "3 of 10", "x29-flight", "2-sigma", "lag-1"])
+@pytest.mark.parametrize(
+    "text", ["not determined", "1 to 5 %", "level 1 (97 %)", "3 of 10", "x29-flight", "2-sigma", "lag-1", "1_2", "nan", "inf", "1e400"]
+)
 def test_words_stay_words(text: str) -> None:
     assert read_cell(text) == text
+    assert rows_table("records", ("record", "fit %"), [(text, "97.1")]).rows[0] == (text, read_cell("97.1"))
 
 
 def test_signs_leave_names_alone() -> None:

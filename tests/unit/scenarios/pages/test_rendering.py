@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +17,7 @@ import pytest
 from scenarios.pages.folder import rebuilt, write_page
 from scenarios.pages.rendering import page_html
 from scenarios.pages.reproduction import reproduction
+from scenarios.pages.storing import page_of
 from scenarios.plots import style
 from sim.errors import FlightidError
 from tests.pages import HOSTILE, PAGE
@@ -148,6 +151,21 @@ def test_spoilt_content_and_missing_folder_are_one_line(tmp_path: Path) -> None:
         (tmp_path / "report.json").write_text(spoilt)
         with pytest.raises(FlightidError, match="no content of a page"):
             rebuilt(tmp_path)
+    write_page(tmp_path, PAGE)
+    first = (tmp_path / "report.html").read_bytes()
+    content = json.loads((tmp_path / "report.json").read_bytes())
+    (tmp_path / "report.json").write_text(json.dumps({**content, "created": 5}))  # found out only when the page is made
+    with pytest.raises(FlightidError, match="no content of a page"):
+        rebuilt(tmp_path)
+    assert (tmp_path / "report.html").read_bytes() == first
+
+
+def test_a_file_name_that_is_no_utf_8_is_told_and_made_again(tmp_path: Path) -> None:
+    page = replace(PAGE, title=os.fsdecode(b"flig\xffht.csv"))
+    write_page(tmp_path, page)
+    first = (tmp_path / "report.html").read_bytes()
+    assert b"flig\\udcffht.csv" in first
+    assert rebuilt(tmp_path).read_bytes() == first and page_of(json.loads((tmp_path / "report.json").read_bytes())) == page
 
 
 def test_command_is_what_was_typed_else_what_would_be(monkeypatch: pytest.MonkeyPatch) -> None:

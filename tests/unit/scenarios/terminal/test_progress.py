@@ -19,7 +19,12 @@ def test_a_time_is_told_in_two_units_at_most(seconds: float, words: str) -> None
 
 @pytest.mark.parametrize(
     ("share", "words"),
-    [(0.25, "3 of 12 flights, 20 s, about 1 min left"), (0.0, "3 of 12 flights, 20 s"), (1.0, "3 of 12 flights, 20 s")],
+    [
+        (0.25, "3 of 12 flights, 20 s, about 1 min left"),
+        (0.0, "3 of 12 flights, 20 s"),
+        (1.0, "3 of 12 flights, 20 s"),
+        (0.99, "3 of 12 flights, 20 s"),
+    ],
 )
 def test_what_is_left_follows_from_the_share_done(share: float, words: str) -> None:
     assert Told("3 of 12 flights", share, since=100.0).line(120.0) == words

@@ -10,10 +10,10 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Caution, Claim, Concern, Diagnosis, Evidence, Quantity, Verdict
-from scenarios.diagnosis.report.candidate_tables import candidate_row, weighed_rows
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.evidence import apart_text, by_record_text, evidence_sentences, member_derivatives, warnings_of
-from scenarios.diagnosis.report.text import SIGMA_NOTE, diagnosis_text, headline
+from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidate_row, weighed_rows
+from scenarios.diagnosis.report.text import diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
 from tests.diagnoses import LATE, evidence_of, proven_tracing, tracing_of

@@ -14,7 +14,8 @@ from ident.tracing.residual_structure import noise_floors
 from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.files import pictured
 from scenarios.diagnosis.report.page import diagnosis_page
-from scenarios.diagnosis.report.text import diagnosis_text, error_headings, error_rows
+from scenarios.diagnosis.report.tables import error_headings, error_rows
+from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.pages.rendering import page_html
 from sim.record import Channel, Record

@@ -136,6 +136,44 @@ def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(tmp_path
         found.append(drawn_for_page([(stem, one) for stem in ("record", "fit", "errors")], tmp_path / name, ()))
         assert list((tmp_path / name).iterdir()) == []
     gone.returncode = 1  # it was waited for
+
+    def full() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr("threading.active_count", lambda: 1)
+    monkeypatch.setattr(os, "fork", full)
+    assert drawn_for_page([(stem, one) for stem in ("record", "fit", "errors")], tmp_path / "alone", ()) == found[0]
     assert found[0] == found[1] and [each.stem for each in found[0]] == ["record", "fit", "errors"]
     leave_for_page([("fit", one)], tmp_path, ())
     assert gathered(tmp_path) == {"fit": found[0][1].svg}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no forks")
+def test_a_fork_is_waited_for_and_leaves_nothing_where_drawing_fails(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> Figure:
+        raise ValueError("broken")
+
+    helpers: list[int] = []
+    fork = os.fork
+
+    def noted() -> int:
+        helpers.append(fork())
+        return helpers[-1]
+
+    monkeypatch.setattr(os, "fork", noted)
+    monkeypatch.setattr("threading.active_count", lambda: 1)
+    with pytest.raises(ValueError, match="broken"):
+        drawn_for_page([("record", broken), ("fit", one)], tmp_path, ())
+    with pytest.raises(ChildProcessError):
+        os.waitpid(helpers[0], os.WNOHANG)
+    for path in tmp_path.iterdir():
+        path.unlink()
+    parent = os.getpid()
+
+    def broken_there() -> Figure:
+        if os.getpid() != parent:
+            raise ValueError("broken")
+        return one()
+
+    drawn = drawn_for_page([("record", one), ("fit", one), ("errors", one), ("states", broken_there)], tmp_path, ())
+    assert [each.stem for each in drawn] == ["record", "fit", "errors", "states"] and list(tmp_path.iterdir()) == []
