@@ -33,8 +33,13 @@ def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> 
             failed = 0
         finally:
             os._exit(failed)
-    own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
-    if helper is not None and os.waitpid(helper, 0)[1] == 0:
+    ended = None
+    try:
+        own = {stem: _drawn(stem, make, folder, formats) for stem, make in (named if helper is None else named[::2])}
+    finally:  # a fork that nobody waits for would go on writing into a folder that is given up
+        if helper is not None:
+            _, ended = os.waitpid(helper, 0)
+    if ended == 0:
         own |= gathered(folder)
     return tuple(Drawn(stem, own.get(stem) or _drawn(stem, make, folder, formats), caption_of(stem)) for stem, make in named)
 

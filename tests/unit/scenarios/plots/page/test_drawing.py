@@ -139,3 +139,18 @@ def test_figures_are_the_same_with_a_fork_without_one_and_when_it_fails(tmp_path
     assert found[0] == found[1] and [each.stem for each in found[0]] == ["record", "fit", "errors"]
     leave_for_page([("fit", one)], tmp_path, ())
     assert gathered(tmp_path) == {"fit": found[0][1].svg}
+
+
+def test_a_fork_is_waited_for_where_a_figure_fails(tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    monkeypatch.setattr("threading.active_count", lambda: 1)
+    monkeypatch.setattr(os, "fork", lambda: gone.pid)
+
+    def fails() -> Figure:
+        raise ValueError("no figure")
+
+    with pytest.raises(ValueError, match="no figure"):
+        drawn_for_page([("record", fails), ("fit", one)], tmp_path, ())
+    with pytest.raises(ChildProcessError):
+        os.waitpid(gone.pid, 0)
+    gone.returncode = 0  # it was waited for
