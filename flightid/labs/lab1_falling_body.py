@@ -32,9 +32,9 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag per weight hangs on one
+    A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag hangs on one
     number,
-    the **ballistic coefficient** $\beta = W / (C_D A)$, truly 500 lb/ft²:
+    the **ballistic coefficient** $\beta = m / (C_D A)$, mass over drag area, truly 500 lb/ft² (pounds of mass: 2441 kg/m²):
 
     $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/H} . $$
 

@@ -50,7 +50,7 @@ def _(mo):
     A record of the swing alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at
     several frequencies.
 
-    *The 3-2-1-1* holds the elevator up for three units of time, down for two, up for one, down for one. Switches at four spacings spread its power
+    *The 3-2-1-1* holds the elevator up for three units of time, down for two, up for one, down for one. Pulses of three lengths spread its power
     over a band; a
     *doublet* (one up, one down) has a narrow band.
 

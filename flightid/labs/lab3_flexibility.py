@@ -11,10 +11,10 @@ def _():
     from flightid.labs import page
     from flightid.labs.figures import figure_residual
     from flightid.labs.workings import flexibility as lab
-    from flightid.labs.workings.trying import close, command, sigmas_off
+    from flightid.labs.workings.trying import close, command, residuals, sigmas_off
     from scenarios.plots.comparison import EquivalentRow, figure_equivalents
 
-    return EquivalentRow, close, command, figure_equivalents, figure_residual, lab, mo, page, sigmas_off
+    return EquivalentRow, close, command, figure_equivalents, figure_residual, lab, mo, page, residuals, sigmas_off
 
 
 @app.cell
@@ -121,11 +121,11 @@ def _(command, controls, lab, mo, page, sigmas_off):
 
 
 @app.cell
-def _(controls, figure_residual, lab, page, study):
+def _(controls, figure_residual, lab, page, residuals, study):
     page.picture(
         figure_residual(
             study.record.time,
-            lab.residuals(study),
+            residuals(study),
             {channel.name: channel.unit for channel in study.record.outputs},
             study.truth.noise_std,
             lab.marks(controls.value["factor"]),

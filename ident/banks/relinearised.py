@@ -21,6 +21,7 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 REACH = 4  # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
+FEWEST = 5  # filters over delays that are hardly known: midpoints of so many cells have a uniform density's deviation to 2 %
 SHARPER = 0.5  # of the sigma when last linearised: a curvature that was of no account over that is of less over this
 MOVED = 1.0  # sigmas when last linearised: within one the quadratic term is a small part of the linear one
 COARSE = 0.5  # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
@@ -66,7 +67,7 @@ def linearise(record: Record, system: System, plain: OnlineBank, state: BankStat
         return None
     if not found.refined_std > 0 or found.estimate.outcome is not Outcome.CONVERGED or found.about is None:
         return None
-    fine = _fine(found.refined, found.refined_std, plain.delays)
+    fine = _fine(found.refined, found.refined_std, float(plain.delays.min()), float(plain.delays.max()))
     runs, _ = run_iterated_bank(record, found.system, held={name: fine}, about=found.about[:, :, None], tolerance=SETTLED)
     if np.count_nonzero(runs.sound) < 3:
         return None
@@ -90,8 +91,10 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
-    inside = (weights[0] < EDGE or bank.delays[0] <= 0.0) and weights[-1] < EDGE
-    dense = float(np.sqrt(covariance[-1, -1])) > COARSE * float(np.diff(bank.delays).mean())
+    step = float(np.diff(bank.delays).mean())
+    # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be cut again and become narrower without a row.
+    inside = (weights[0] < EDGE or bank.delays[0] < step) and (weights[-1] < EDGE or bank.delays[-1] > bank.memory - step)
+    dense = float(np.sqrt(covariance[-1, -1])) > COARSE * step
     return current if not state.sound.any() or (inside and dense) else _laid_anew(current, mean, covariance)
 
 
@@ -153,18 +156,18 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     return Estimate("online", names, units, mean[n_x:], covariance[n_x:, n_x:], outcome, likely, bank.system.output_names, std, ())
 
 
-def _fine(delay: float, std: float, declared: np.ndarray) -> np.ndarray:
-    """Delays one sigma apart, as far as the declared ones reach."""
-    fine = delay + std * np.arange(-REACH, REACH + 1)
-    inside = fine[(fine >= declared.min()) & (fine <= declared.max())]
-    return inside if inside.size >= 3 else np.clip(fine, declared.min(), declared.max())
+def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
+    """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as the Gaussian does between two bounds."""
+    low, high = (min(max(delay + side * (REACH + 0.5) * std, least), most) for side in (-1.0, 1.0))
+    count = max(round((high - low) / std + 0.499), FEWEST)
+    return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
 def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
     """The same Gaussian of states, parameters and delay, cut at other delays."""
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
-    fine = _fine(float(mean[n]), variance**0.5, np.array([0.0, bank.memory]))
+    fine = _fine(float(mean[n]), variance**0.5, 0.0, bank.memory)
     slope = covariance[:n, n] / variance
     within = covariance[:n, :n] - np.outer(slope, slope) * variance
     means = mean[:n, None] + slope[:, None] * (fine - mean[n])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scenarios.pages.model import BY_ROW, Block, Column, Page, Table, section
@@ -18,7 +18,7 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     stream, reference = content["stream"], content.get("reference")
     outside = list(reference["outside"]) if reference else []
     told = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended, {stream['spikes']} spikes"
-    words = f"{len(outside)} quantities lie outside their reference: {', '.join(outside)}" if outside else "every quantity agrees with its reference"
+    words = against(outside, content.get("start_dependent", ()), len(reference["differences"])) if reference else ""
     refined = {"online": "as the stream left it", "online-refined": "refined on line"}.get(content["method"], "refined over all rows")
     return Page(
         title=f"{capital(content['vehicle'])}: a stream identified while it arrived",
@@ -42,6 +42,14 @@ def watch_page(content: Mapping[str, Any], name: str, digest: str) -> Page:
     )
 
 
+def against(outside: Sequence[str], hanging: Sequence[str], compared: int) -> str:
+    """How a stream stands against its reference: quantities ``outside`` it, how many were ``compared``, and which hang on the start instead."""
+    if outside:
+        return f"outside the reference, {len(outside)} of {compared} quantities: {', '.join(outside)}"
+    left = f"; {', '.join(hanging)} not compared, for the start decides" if hanging else ""
+    return (f"every quantity that was compared agrees with its reference, {compared} of them" if compared else "nothing was compared") + left
+
+
 def _found(content: Mapping[str, Any]) -> list[Block]:
     rows = [Row(name, each["unit"], each["estimate"], each["std"]) for name, each in content["parameters"].items()]
     derived = {name: (each["estimate"], each["std"]) for name, each in content["derived"].items()}
@@ -62,4 +70,4 @@ def _bank(bank: Mapping[str, Any]) -> Table:
     rows = tuple(
         (Number(float(delay)), Number(float(weight), shown=f"{weight:.3g}")) for delay, weight in zip(bank["delays"], bank["weights"], strict=True)
     )
-    return Table("Probability of each delay", (Column("delay", "s"), Column("probability", PURE)), rows)
+    return Table("Likelihood of each delay by the plain filters", (Column("delay", "s"), Column("likelihood", PURE)), rows)

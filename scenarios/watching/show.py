@@ -86,5 +86,6 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
         terminal.print(f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False)
     outside = outside_of(end.standings)
     if watch.reference is not None:
-        said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"inside the bounds of {watch.reference.name}"
+        inside = "inside the bounds of" if any(item.z is not None for item in end.standings) else "nothing to hold against"
+        said = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}" if outside else f"{inside} {watch.reference.name}"
         terminal.print(said, highlight=False)

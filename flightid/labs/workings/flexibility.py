@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from flightid.labs.workings.trying import ALONE, row_of, sigmas_off, tried
 
 if TYPE_CHECKING:
@@ -31,13 +29,6 @@ def changes(factor: float = 1.0, density: float = 0.0, unit: float = 0.5) -> tup
 def study(asked: tuple[str, ...], seed: int = 1) -> Study:
     """One flight of the flexible aircraft, estimated with a rigid model."""
     return tried(SCENARIO, asked, seed)
-
-
-def residuals(found: Study) -> dict[str, np.ndarray]:
-    """Innovations of each output ``(N,)``: measured minus predicted one sample ahead."""
-    estimate = found.main.result.estimate
-    z, _ = found.record.output_array(estimate.output_names)
-    return dict(zip(estimate.output_names, z - estimate.fitted[0], strict=True))
 
 
 def marks(factor: float) -> list[float]:

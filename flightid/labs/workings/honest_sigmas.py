@@ -48,13 +48,6 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Study:
     return tried(SCENARIO, asked, seed)
 
 
-def residuals(found: Study) -> dict[str, np.ndarray]:
-    """Residual of each output ``(N,)``: of a filter its innovations."""
-    estimate = found.main.result.estimate
-    z, _ = found.record.output_array(estimate.output_names)
-    return dict(zip(estimate.output_names, z - estimate.fitted[0], strict=True))
-
-
 def errors(found: Campaign) -> dict[str, np.ndarray]:
     """Errors of each parameter in its reported sigmas, ``(N,)``."""
     return {

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from scenarios.studies.campaign import Campaign
     from scenarios.studies.rows import Row
     from scenarios.studies.study import MethodResult, Study
@@ -55,6 +57,13 @@ def command(verb: str, name: str, changes: Sequence[str] = (), *options: str) ->
 def row_of(method: MethodResult, name: str) -> Row:
     """One parameter's row of a method."""
     return next(row for row in method.rows if row.name == name)
+
+
+def residuals(found: Study) -> dict[str, np.ndarray]:
+    """What the main method leaves of each output ``(N,)``: of a filter its innovations."""
+    estimate = found.main.result.estimate
+    z, _ = found.record.output_array(estimate.output_names)
+    return dict(zip(estimate.output_names, z - estimate.fitted[0], strict=True))
 
 
 def sigmas_off(row: Row) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ident.banks.delays import run_delay_bank
-from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank
+from ident.banks.online import BankState, OnlineBank, Rows, advance, begin, online_bank, with_delays
 from ident.banks.other_starts import moved_starts
 from ident.banks.relinearised import Relinearised, along, due, joint, joint_estimate, linearise, on_a_grid_that_fits, told_enough, weighed
 from ident.estimate import Estimate
@@ -107,6 +107,29 @@ def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -
     np.testing.assert_allclose(np.sqrt(np.diagonal(after)) / std, 1.0, atol=2e-3)
     assert on_a_grid_that_fits(halfway) is halfway
     assert np.isfinite(mean).all() and np.linalg.eigvalsh(covariance).min() > 0
+
+
+@pytest.mark.parametrize(("centre", "width"), [(0.012, 0.01), (0.195, 0.01), (0.1, 0.07), (0.1, 0.3)])
+def test_a_delay_near_the_ends_becomes_no_narrower_by_a_grid_laid_anew(halfway: Relinearised, centre: float, width: float) -> None:
+    # Two delays a sigma of it to either side have these moments; they are no grid, so that one is laid, again and again if it had to be.
+    pair = with_delays(halfway.bank, np.array([centre - width, centre + width]))
+    alike = halfway.state._replace(
+        mean=np.repeat(halfway.state.mean[:, :1], 2, axis=1),
+        covariance=np.repeat(halfway.state.covariance[:1], 2, axis=0),
+        log_likelihood=np.zeros(2),
+        sound=np.ones(2, dtype=bool),
+    )
+    current = replace(halfway, bank=replace(pair, memory=halfway.bank.memory), state=alike)
+    for _ in range(20):
+        current = on_a_grid_that_fits(current)
+    mean, covariance = joint(current.bank, current.state)
+    # The Gaussian cut off where no delay can be, by quadrature.
+    fine = np.linspace(0.0, halfway.bank.memory, 20001)
+    density = np.exp(-0.5 * ((fine - centre) / width) ** 2)
+    expected = float(density @ fine / density.sum())
+    std = float(np.sqrt(density @ (fine - expected) ** 2 / density.sum()))
+    assert mean[-1] == pytest.approx(expected, abs=0.1 * std)
+    assert np.sqrt(covariance[-1, -1]) == pytest.approx(std, rel=0.06)
 
 
 def test_moments_over_filters_are_those_of_the_mixture(halfway: Relinearised) -> None:
