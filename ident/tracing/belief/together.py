@@ -53,9 +53,13 @@ def _of_one_curve(best: FittedModel) -> list[Caution]:
 
 
 def _beside_a_general_form(best: FittedModel) -> list[Caution]:
-    """A curve of any signal bends to whatever shape the cause has, nearly: what it takes beside it may be what it misses of that one cause."""
+    """A curve of any signal bends to whatever shape the cause has, nearly: a force or an input beside it may be what it misses of that one cause.
+
+    What is wrong with a sensor is not: it acts behind all forces.
+    """
     general = [effect.name for effect in best.foreground if effect.traits.general]
-    beside = [effect.name for effect in best.foreground if not (effect.traits.general or effect.traits.guard)]
+    others = (effect for effect in best.foreground if not (effect.traits.general or effect.traits.guard))
+    beside = [effect.name for effect in others if effect.station is not Station.SENSOR_PATH]
     if not general or not beside:
         return []
     told = f"{' and '.join(general)} leaves noise only with {' and '.join(beside)} beside it, which may be what the curve misses of the cause"

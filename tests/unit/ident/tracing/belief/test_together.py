@@ -93,6 +93,7 @@ def test_what_a_general_form_needs_beside_it_is_not_told_from_what_it_misses() -
     curve, late = Varies(), InputRecordedLate()
     told = one_cause(flown(("q",), ("elevator",), curve, late), [])
     assert [caution.concern for caution in told] == [Concern.ONE_CAUSE] and f"{curve.name} leaves noise only with {late.name}" in told[0].sentence
+    assert one_cause(flown(("q",), ("elevator",), curve, SensorScale("q")), []) == [], "a sensor acts behind all forces"
     assert one_cause(flown(("q",), ("elevator",), curve), []) == [] and one_cause(flown(("q",), ("elevator",), late, SensorScale("q")), []) == []
 
 
