@@ -57,7 +57,7 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
                 ledger, child = best_fit(ledger, fitted, finding, 1)
                 if child is not None:
                     children[place] = child
-        ledger, children = limits_from_declared_values(ledger, fitted, findings, children)
+    ledger, children = limits_from_declared_values(ledger, fitted, findings, children, rivals=explained is not None)
     ledger, accepted = _accepted(ledger, fitted, number, findings, children)
     return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding
@@ -23,19 +25,23 @@ def is_limit(effect: Traceable) -> bool:
 
 
 def limits_from_declared_values(
-    ledger: Ledger, fitted: FittedModel, findings: Sequence[Finding], children: dict[int, FittedModel]
+    ledger: Ledger, fitted: FittedModel, findings: Sequence[Finding], children: dict[int, FittedModel], *, rivals: bool = False
 ) -> tuple[Ledger, dict[int, FittedModel]]:
     """The children of a set, those with a limit from the declared values and each of its probes where that is better.
 
     Only beside what any record may have; an effect that was added before has values of its own to start from. Ends with the first that
-    leaves noise.
+    leaves noise. ``rivals`` : only limits that brought half as much as the best, where something leaves noise already: a curve of many shapes, or
+    an event, does nearly what a limit does, and has to be better than the limit at its best.
     """
     found = dict(children)
-    if fitted.foreground:
+    if fitted.foreground or is_white(fitted) or has_process_noise(fitted.system):
         return ledger, found
     context = search_context(fitted, ledger.problem.predicted)
+    most = max((fitted.fit.cost - child.fit.cost for child in children.values()), default=0.0)
     for place, finding in enumerate(findings):
         if not is_limit(finding.effect):
+            continue
+        if rivals and (place not in children or fitted.fit.cost - children[place].fit.cost < thresholds.RIVAL * most):
             continue
         for probe in finding.effect.probes(context):
             if ledger.exhausted:

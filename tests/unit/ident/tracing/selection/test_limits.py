@@ -57,6 +57,10 @@ def test_a_better_child_stays_and_a_spent_search_tries_nothing(slowed: tuple[Led
     assert children[0].fit.cost <= best.fit.cost
     spent = ledger.respent(ledger.problem.settings.budget)
     assert limits_from_declared_values(spent, root, [finding], {}) == (spent, {})
+    # Where something leaves noise already, a limit that brought less than half of it, or was not fitted, is no rival.
+    assert limits_from_declared_values(ledger, root, [finding], {}, rivals=True) == (ledger, {})
+    found = limits_from_declared_values(ledger, root, [finding], {0: best}, rivals=True)
+    assert found[1][0].fit.cost <= best.fit.cost and found[0].spent > ledger.spent
     # Beside another effect a set has values of its own to start from.
     scaled = fit_of(ledger.problem, [SensorScale("q")], root)
     assert limits_from_declared_values(ledger, scaled, [finding], {}) == (ledger, {})
