@@ -36,13 +36,17 @@ def limits_from_declared_values(
     found = dict(children)
     if fitted.foreground or is_white(fitted) or has_process_noise(fitted.system):
         return ledger, found
-    context = search_context(fitted, ledger.problem.predicted)
     most = max((fitted.fit.cost - child.fit.cost for child in children.values()), default=0.0)
-    for place, finding in enumerate(findings):
-        if not is_limit(finding.effect):
-            continue
-        if rivals and (place not in children or fitted.fit.cost - children[place].fit.cost < thresholds.RIVAL * most):
-            continue
+    tried = [
+        place
+        for place, finding in enumerate(findings)
+        if is_limit(finding.effect) and (not rivals or (place in children and fitted.fit.cost - children[place].fit.cost >= thresholds.RIVAL * most))
+    ]
+    if not tried:
+        return ledger, found
+    context = search_context(fitted, ledger.problem.predicted)
+    for place in tried:
+        finding = findings[place]
         for probe in finding.effect.probes(context):
             if ledger.exhausted:
                 return ledger, found
