@@ -38,6 +38,13 @@ OFFERED = [(effect, vehicle.name) for vehicle in VEHICLES for effect in (*held_t
 OFFERED += representatives() + first_of_each_kind(guards_of_whole_axes())
 CASES = [pytest.param(effect, base, id=f"{effect.name} on {base}") for effect, base in OFFERED if isinstance(effect, Traceable)]
 every_case = pytest.mark.parametrize(("effect", "base"), CASES)
+# Where a signature has been seen on one vehicle, that on another is for the slow suite.
+_FIRST = {effect.name: base for effect, base in reversed(OFFERED)}
+FLOWN_CASES = [
+    pytest.param(effect, base, id=f"{effect.name} on {base}", marks=[] if _FIRST[effect.name] == base else [pytest.mark.slow])
+    for effect, base in OFFERED
+    if isinstance(effect, Traceable)
+]
 
 
 def forms(effect: Traceable, context: SearchContext) -> list[Traceable]:
@@ -77,7 +84,7 @@ def test_probes_are_complete_and_within_the_bounds(effect: Traceable, base: str,
                 assert context.begin <= probe.values[form.traits.onset] < context.end
 
 
-@every_case
+@pytest.mark.parametrize(("effect", "base"), FLOWN_CASES)
 def test_each_signature_is_there(effect: Traceable, base: str) -> None:
     if isinstance(effect, NoiseEffect) or effect.regularity is Regularity.OUTLIER:
         return

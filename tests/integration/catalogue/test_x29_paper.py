@@ -36,6 +36,7 @@ def printed(column: str, kind: str) -> dict[str, float]:
     return {name: float(value) for name, value in zip(NAMES, numbers(ROWS[column][kind]), strict=True)}
 
 
+@pytest.mark.slow
 def test_the_papers_procedure_is_its_p0_its_r_and_the_likeliest_plain_filter() -> None:
     study = flight()
     found = {m.name: m for m in study.methods}

@@ -59,6 +59,7 @@ def test_other_faults_stand_under_the_names_of_their_effects(sensors: Sensors, n
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_several_records_share_the_fault_and_each_shows_it_by_itself() -> None:
     late = Sensors(delay={"alpha": 0.05}, bias={"nz": 0.1})
     records = [record(sensors=late if i else replace(late, bias={}), seed=i, name=f"flight {i}") for i in range(3)]

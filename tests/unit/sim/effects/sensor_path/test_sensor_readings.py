@@ -63,6 +63,7 @@ def test_an_altitude_that_is_a_little_late_or_scaled_hides_behind_another_fall(e
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_an_altitude_is_searched_for_a_large_scale_which_shows_and_not_for_lateness() -> None:
     for late in (SensorLag("altitude"), SensorDelay("altitude")):
         assert late.probes(SearchContext(0.0, 20.0, 0.1)) == () and replace(late, channel="q").probes(SearchContext(0.0, 20.0, 0.1))
