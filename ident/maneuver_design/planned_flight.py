@@ -11,7 +11,7 @@ from ident.maneuver_design.known_levels import KnownLevels
 from ident.statistics.information import inverse_information
 from ident.tracing.candidate_model.fitted_model import FittedModel, added_parameters, known_beforehand
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
+from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import FitLayout, FitSettings, lay_out
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
@@ -47,18 +47,21 @@ class Planned:
         return replace(self, record=replace(self.record, outputs=tuple(Channel.of(name, self.record[name].unit, row) for name, row in rows)))
 
 
-def simulated(planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None) -> FittedModel:
+def simulated(
+    planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, *, slopes: bool = True
+) -> FittedModel:
     """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they are not the model's and the effects' own.
 
-    Its residual is measured minus simulated. Raises ModelError where the motion leaves all measure.
+    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are most of the work. Raises ModelError where the motion leaves all measure.
     """
     layout = _laid_out(planned, effects, values)
     problem = FitProblem(layout, KnownLevels(planned.noise**2))
-    fit = evaluate(problem, layout.start, layout.guesses(layout.start))
+    bare = without_sensitivities(problem)
+    fit = evaluate(bare, layout.start, layout.guesses(layout.start))
     for _ in range(PASSES):
-        if fit is None or _gap(fit) < CLOSED:
+        if fit is None or (_gap(fit) < CLOSED and (fit.problem is problem or not slopes)):
             break
-        fit = evaluate(problem, layout.start, [line.states for line in fit.lines])
+        fit = evaluate(problem if slopes else bare, layout.start, [line.states for line in fit.lines])
     if fit is None:
         raise ModelError("the simulation leaves all measure", where=planned.record.name, remedy="give starting values of a motion that stays finite")
     return _as_model(planned, effects, layout, fit)

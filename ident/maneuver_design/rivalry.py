@@ -37,13 +37,14 @@ class Contest:
     """What a flight under ``true`` says against ``rival``.
 
     ``found`` : gain of the log likelihood of the true effect over the declared model alone, ``shown`` the probability that this is enough for a
-    search; ``rival`` has the values that fit best.
+    search; ``rival`` has the values that fit best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
     """
 
     true: Acting
     rival: Acting
     found: float
     shown: float
+    left: float
     decision: Decision
 
     @property
@@ -54,7 +55,7 @@ class Contest:
 
 def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
     """The flight under an effect without noise, and the declared model alone fitted to it: half the squares that this leaves is what finds it."""
-    flown = simulated(planned, (true.effect,), true.full_values)
+    flown = simulated(planned, (true.effect,), true.full_values, slopes=False)
     held = planned.measuring(flown.fit.lines[0].y)
     base = fitted(held, ())
     return held, base if base is not None else simulated(held)
@@ -75,7 +76,7 @@ def contest(planned: Planned, true: Acting, rival: Traceable, settings: TraceSet
     decision = decision_of(_squares(best), counts, 2.0 * base.fit.cost, own, other, paid + 2.0 * (_prior_cost(best) - spent))
     found = max(0.0, base.fit.cost - spent)
     shown = chance_found(found, own, _price(true.effect, counts, settings), settings.accept)
-    return Contest(true, Acting(_form(best, rival), _values(best, rival)), found, shown, decision)
+    return Contest(true, Acting(_form(best, rival), _values(best, rival)), found, shown, best.fit.cost, decision)
 
 
 def best_fit(held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None) -> FittedModel | None:
@@ -93,7 +94,7 @@ def best_fit(held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[s
 
 def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
     """Weighted squares that a rival leaves to first order, about the values that it has: quick, for comparing maneuvers."""
-    flown = simulated(planned, (true.effect,), true.full_values).fit
+    flown = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
     other = simulated(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
     apart = ((flown.lines[0].y - other.lines[0].y) / sigma).ravel()
@@ -120,7 +121,7 @@ def _prior_cost(best: FittedModel) -> float:
 
 def _own_cost(held: Planned, true: Acting) -> float:
     """Cost of the true effect fitted to its own flight: nothing but what its priors hold against it."""
-    there = simulated(held, (true.effect,), true.full_values)
+    there = simulated(held, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
     own = fitted(held, (true.effect,), true.full_values)

@@ -111,8 +111,8 @@ def _sampled(setting: Setting, share: float) -> float:
     return max(1.0, round(share * setting.room.pulse / setting.room.interval)) * setting.room.interval
 
 
-def _best_pace(setting: Setting, kind: str, acting: Sequence[Acting]) -> tuple[float, np.ndarray, float] | None:
-    """Pace, shapes and scale of the flight of one kind that serves best by the quick criterion; None where none has room."""
+def _best_pace(setting: Setting, kind: str, acting: Sequence[Acting]) -> tuple[float, np.ndarray, Flight] | None:
+    """Pace, shapes and flight of one kind that serves best by the quick criterion; None where none has room."""
     best, least = None, np.inf
     for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
         shapes = KINDS[kind](setting.room, pace)
@@ -124,12 +124,12 @@ def _best_pace(setting: Setting, kind: str, acting: Sequence[Acting]) -> tuple[f
         except ModelError:
             continue
         if cost < least:
-            best, least = (pace, shapes, flight.scale), cost
+            best, least = (pace, shapes, flight), cost
     return best
 
 
-def _weighed(setting: Setting, kind: str, pace: float, shapes: np.ndarray, scale: float, acting: Sequence[Acting]) -> Maneuver:
-    flight = within_limits(setting, shapes, start=scale)
+def _weighed(setting: Setting, kind: str, pace: float, shapes: np.ndarray, quick: Flight, acting: Sequence[Acting]) -> Maneuver:
+    flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
     return Maneuver(kind, pace, flight, sigmas, _criterion(flight), contests(flight.planned, acting) if acting else ())
 

@@ -91,7 +91,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
 def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
     """The rival at the values with which it looks most like the true effect; typical ones where it cannot."""
     found = contest(reference, true, rival)
-    if found.found - found.decision.log_likelihood < 0.5 * NORMAL.accept:
+    if found.found - found.left < 0.5 * NORMAL.accept:
         return Acting(rival, {item.name: item.value for item in rival.parameters})
     return found.rival
 

@@ -31,26 +31,26 @@ class Flight:
     bound_by: str
 
 
-def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, start: float = 1.0) -> Flight:
+def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, start: float = 1.0, bound_by: str = "") -> Flight:
     """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or scaled down until the response stays inside.
 
-    ``start`` : the scale to begin with. Raises DeclarationError where the limits leave nothing.
+    ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError where the limits leave nothing.
     """
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
-    scale, bound_by = min(1.0, start), ""
+    scale = min(1.0, start)
     for _ in range(ATTEMPTS):
         rows = no_faster(scale * amplitude * shapes, rate, setting.room.interval)
         planned = setting.planned(rows, quick=quick)
         try:
-            motion = simulated(planned)
+            motion = simulated(planned, slopes=False)
         except ModelError:
             scale *= TOO_WILD
             continue
         extremes = _extremes(setting, motion)
         worst, name = _worst(setting, extremes)
         if worst <= 1.0:
-            return Flight(rows, scale, planned, motion, extremes, bound_by)
+            return Flight(rows, scale, planned, simulated(planned), extremes, bound_by)
         scale, bound_by = scale * INSIDE / worst, name
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}", where="--limits", remedy="widen it, shorten the flight, or check the starting values"
