@@ -20,7 +20,7 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 DIGITS = 4  # of every number that is asked: what is printed is what was designed with
-LONGEST = 20.0  # s of a flight: with the record's own length a design could take longer than the diagnosis
+SHORTEST, LONGEST = 10.0, 20.0  # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 
 
 def deciding_maneuver(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> Design | None:
@@ -39,21 +39,23 @@ def deciding_maneuver(d: Diagnosis, request: Request, vehicle: VehicleFile, mode
 
 def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]) -> Asked | None:
     doubtful = [claim for claim in d.effects if claim.claimed and claim.alternatives]
-    known = {effect.name for effect in effects_for(model.equations)}
+    known = {effect.name: effect for effect in effects_for(model.equations) if isinstance(effect, Traceable)}
     if not doubtful or not model.equations.inputs:
         return None
     claim = doubtful[0]
-    names = [name for name in (claim.name, *claim.alternatives) if name in known]
-    if len(names) < 2 or names[0] != claim.name:
+    # What no record tells apart no flight decides, and one rival is what there is time for: the nearest.
+    rivals = [name for name in claim.alternatives if name in known and name not in known[claim.name].traits.equivalents] if claim.name in known else []
+    if not rivals:
         return None
+    names = (claim.name, rivals[0])
     values = [_text(name, q.value) for name, q in d.after.items() if name in model.parameters.free_names]
     noise = [_text(name, std) for name, std in d.residual_std.items() if std > 0.0]
     interval = float(np.median(np.diff(records[0].time)))
-    span = min(LONGEST, float(max(record.time[-1] - record.time[0] for record in records)))
+    span = min(LONGEST, max(SHORTEST, float(max(record.time[-1] - record.time[0] for record in records))))
     return Asked(
         model=request.model,
         vehicle=_source(request, vehicle),
-        tell=tuple(names),
+        tell=names,
         size=",".join(_size(claim, d)),
         values=tuple(values),
         noise=tuple(noise),

@@ -97,7 +97,7 @@ def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Pose
         return None
     from scenarios.diagnosis.deciding import deciding_maneuver
 
-    return deciding_maneuver(diagnosis, request, opened.vehicle, posed.model, posed.records)
+    return deciding_maneuver(diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted))
 
 
 def _may_read_again(opened: Opened, plan: Plan) -> bool:

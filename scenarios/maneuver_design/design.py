@@ -17,7 +17,7 @@ from scenarios.maneuver_design.within_limits import Flight, within_limits
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError, ModelError
 
-PACES = (0.25, 0.4, 0.63, 1.0, 1.6, 2.5)  # of the pulse that the roots ask for
+PACES = (0.25, 0.5, 1.0, 2.0)  # of the pulse that the roots ask for
 REFERENCE = "3-2-1-1"
 
 
