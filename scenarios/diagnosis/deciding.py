@@ -43,11 +43,11 @@ def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, r
     if not doubtful or not model.equations.inputs:
         return None
     claim = doubtful[0]
-    # What no record tells apart no flight decides, and one rival is what there is time for: the nearest.
+    # What no record tells apart no flight decides, and one rival is what there is time for: the plainest, of which others are wider forms.
     rivals = [name for name in claim.alternatives if name in known and name not in known[claim.name].traits.equivalents] if claim.name in known else []
     if not rivals:
         return None
-    names = (claim.name, rivals[0])
+    names = (claim.name, min(rivals, key=lambda name: len(known[name].parameters)))
     values = [_text(name, q.value) for name, q in d.after.items() if name in model.parameters.free_names]
     noise = [_text(name, std) for name, std in d.residual_std.items() if std > 0.0]
     interval = float(np.median(np.diff(records[0].time)))

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.maneuvers.multisine import least_peak_multisine
-from sim.maneuvers.steps import Maneuver, doublet, three_two_one_one
+from sim.maneuvers.steps import Maneuver, MultiStep, doublet, three_two_one_one
 from sim.maneuvers.sweep import Spacing, Sweep
+from sim.record import Record
 
 TAPER = 0.05  # of a sweep's length
 SLOWEST = 0.3  # of the roots' frequency, where a sweep begins if its length allows
@@ -100,3 +101,10 @@ def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray
     for k in range(1, rows.shape[1]):
         out[:, k] = out[:, k - 1] + np.clip(rows[:, k] - out[:, k - 1], -most, most)
     return out
+
+
+def as_held(record: Record) -> dict[str, MultiStep]:
+    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to fly."""
+    interval = float(record.time[-1] - record.time[-2])
+    times = (*record.time.tolist(), float(record.time[-1] + interval))
+    return {channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs}
