@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flightid import plot
     from scenarios.api.campaign import Campaign, campaign
     from scenarios.api.check import Check, check
+    from scenarios.api.design import Design, design
     from scenarios.api.diagnosis import Diagnosis, diagnose
     from scenarios.api.errors import InputError
     from scenarios.api.identification import Identification, identify
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "campaign"),
     **dict.fromkeys(("Check", "check"), "check"),
+    **dict.fromkeys(("Design", "design"), "design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),
@@ -52,6 +54,7 @@ _EXPORTS = {
 __all__ = [
     "Campaign",
     "Check",
+    "Design",
     "Diagnosis",
     "Identification",
     "InputError",
@@ -65,6 +68,7 @@ __all__ = [
     "__version__",
     "campaign",
     "check",
+    "design",
     "diagnose",
     "effects",
     "identify",

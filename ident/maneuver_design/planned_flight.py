@@ -47,9 +47,7 @@ class Planned:
         return replace(self, record=replace(self.record, outputs=tuple(Channel.of(name, self.record[name].unit, row) for name, row in rows)))
 
 
-def simulated(
-    planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, *, slopes: bool = True
-) -> FittedModel:
+def simulated(planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, *, slopes: bool = True) -> FittedModel:
     """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they are not the model's and the effects' own.
 
     Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are most of the work. Raises ModelError where the motion leaves all measure.

@@ -44,7 +44,9 @@ def _asked(d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, r
         return None
     claim = doubtful[0]
     # What no record tells apart no flight decides, and one rival is what there is time for: the plainest, of which others are wider forms.
-    rivals = [name for name in claim.alternatives if name in known and name not in known[claim.name].traits.equivalents] if claim.name in known else []
+    rivals = (
+        [name for name in claim.alternatives if name in known and name not in known[claim.name].traits.equivalents] if claim.name in known else []
+    )
     if not rivals:
         return None
     names = (claim.name, min(rivals, key=lambda name: len(known[name].parameters)))

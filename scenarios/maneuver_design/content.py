@@ -40,7 +40,9 @@ def design_content(design: Design) -> dict[str, Any]:
         "units": dict(units_shown(design)),
         "warnings": [],
         "notes": notes_of(design),
-        "inputs": {key: value for name, file in files.items() if file is not None for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))},
+        "inputs": {
+            key: value for name, file in files.items() if file is not None for key, value in ((name, file.name), (f"{name}_sha256", file.sha256))
+        },
         "versions": versions(),
     }
 

@@ -65,9 +65,7 @@ def sweeps(room: Room, pace: float) -> Shapes:
     low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
     if high < 1.5 * low:
         return None
-    rows = [
-        Sweep(1.0, low, high, each, room.lead + i * each, TAPER * each, Spacing.LOGARITHMIC)(room.time) for i in range(room.inputs)
-    ]
+    rows = [Sweep(1.0, low, high, each, room.lead + i * each, TAPER * each, Spacing.LOGARITHMIC)(room.time) for i in range(room.inputs)]
     return np.array([row / np.max(np.abs(row)) for row in rows])
 
 

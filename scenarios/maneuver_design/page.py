@@ -36,7 +36,11 @@ def design_page(design: Design, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=(),
         sections=(
             *section("Maneuvers", rows_table("Equal amplitude and time, within the limits, the best first", *comparison(design))),
-            *(section("Who is told from whom", rows_table(f"The {design.best.kind}", *contest_table(design)), Prose(f"{RULE}.", "note")) if told else ()),
+            *(
+                section("Who is told from whom", rows_table(f"The {design.best.kind}", *contest_table(design)), Prose(f"{RULE}.", "note"))
+                if told
+                else ()
+            ),
             *section("Expected standard deviations", rows_table("Cramer-Rao bounds", names, rows)),
             *section("Figures", *figures(drawn)),
             *section("What it rests on", Bullets(tuple(map(sentence, map(capital, notes_of(design)))))),

@@ -74,7 +74,9 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
     bar = NORMAL.accept + added_parameters(effect, 1) * math.log(samples) + NORMAL.event * is_event(effect)
 
     def at(share: float) -> Acting:
-        values = {name: effect.absent[name] + share * (value - effect.absent[name]) if name in effect.absent else value for name, value in typical.items()}
+        values = {
+            name: effect.absent[name] + share * (value - effect.absent[name]) if name in effect.absent else value for name, value in typical.items()
+        }
         return Acting(effect, values)
 
     low, high = 0.0, 2.0
@@ -108,4 +110,3 @@ def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
 def _unit(effect: Traceable) -> str:
     """Unit of a curve's argument: an angle, or that of a stick."""
     return "1" if getattr(effect, "unit", "rad") == "1" and getattr(effect, "control", "") else "rad"
-

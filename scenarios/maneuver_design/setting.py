@@ -143,13 +143,13 @@ def _room(asked: Asked, model: Model, pulse: float) -> Room:
             raise DeclarationError(f"{value:g} is not above 0", where=option, remedy="give a positive number")
     own = is_own(model)
     rate = asked.rate or (_rounded(SAMPLES / pulse) if own else RATE)
-    duration = asked.duration or (math.ceil(PULSES * pulse * rate) / rate if own else DURATION)
+    least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
+    duration = asked.duration or (math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least)))
     count = round(duration * rate)
     if count > MOST_SAMPLES:
         raise DeclarationError(f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most")
     room = Room(np.arange(count + 1) / rate, pulse, len(model.equations.inputs))
     if count < 20 or room.active < 4.0 * pulse * room.inputs:
-        least = pulse * (4.0 * room.inputs + 5.0)
         raise DeclarationError(f"{duration:g} s leave no room for a maneuver", where="--duration", remedy=f"give {least:.2g} s or more")
     return room
 

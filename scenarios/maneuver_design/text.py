@@ -25,7 +25,10 @@ def design_text(design: Design, width: int = WIDTH, details: str = BELOW) -> str
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_lines(columns_of(*comparison(design), left=1, words=("held by",)), title=_title(design), width=width)
     if design.acting:
-        lines += ["", *table_lines(columns_of(*contest_table(design), left=2), title=f"{design.best.kind}: who would be told from whom", width=width, keys=2)]
+        lines += [
+            "",
+            *table_lines(columns_of(*contest_table(design), left=2), title=f"{design.best.kind}: who would be told from whom", width=width, keys=2),
+        ]
     lines += ["", *table_lines(columns_of(*sigma_table(design), left=2), title="expected standard deviations (Cramer-Rao)", width=width, keys=2)]
     for note in notes_of(design):
         lines += wrapped(note, width)

@@ -15,7 +15,8 @@ def design(
     model: Model,
     vehicle: Annotated[Path | None, typer.Option("--vehicle", metavar="V.toml", help="Constants and derivatives as far as they are known.")] = None,
     limits: Annotated[
-        Path | None, typer.Option("--limits", metavar="L.toml", help="nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones.")
+        Path | None,
+        typer.Option("--limits", metavar="L.toml", help="nz_max, alpha_max, elevator_amplitude, elevator_rate and the like; else usual ones."),
     ] = None,
     tell: Annotated[str, typer.Option("--tell", metavar="EFFECT,EFFECT", help="Effects that are to be told apart.")] = "",
     size: Annotated[
