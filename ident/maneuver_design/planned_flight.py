@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Planned:
     model: Model
     outputs: tuple[str, ...]
     noise: np.ndarray
-    settings: FitSettings = FitSettings()
+    settings: FitSettings = field(default_factory=FitSettings)
 
     def measuring(self, y: np.ndarray) -> Planned:
         """The same maneuver, its record holding outputs ``(m, N)`` without noise."""
@@ -50,7 +50,9 @@ class Planned:
 def simulated(planned: Planned, effects: Sequence[Traceable] = (), values: Mapping[str, float] | None = None, *, slopes: bool = True) -> FittedModel:
     """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they are not the model's and the effects' own.
 
-    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are most of the work. Raises ModelError where the motion leaves all measure.
+    Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are most of the work.
+
+    Raises ModelError where the motion leaves all measure.
     """
     layout = _laid_out(planned, effects, values)
     problem = FitProblem(layout, KnownLevels(planned.noise**2))

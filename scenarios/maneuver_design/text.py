@@ -92,7 +92,7 @@ def comparison(design: Design) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 def contest_table(design: Design) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headings and rows of what each effect's flight says against the other, of the best maneuver."""
     headings = ("acts", "is told from", "gain over none", "log likelihood", "sigma", "told %", "wrong %")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for each in design.best.contests:
         d = each.decision
         cells = (f"{each.found:.1f}", f"{d.log_likelihood:.1f}", f"{0.5 * d.std:.1f}", f"{100.0 * each.chance:.1f}", f"{100.0 * d.wrong:.2g}")

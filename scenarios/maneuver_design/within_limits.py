@@ -14,7 +14,7 @@ from scenarios.maneuver_design.limits import offset_of
 from scenarios.maneuver_design.setting import Setting
 from sim.errors import DeclarationError, ModelError
 
-ATTEMPTS = 12
+ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0  # behind a limit of the rate the peak hardly follows the amplitude
 INSIDE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 
@@ -39,7 +39,7 @@ def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, 
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
-    for _ in range(ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         rows = no_faster(scale * amplitude * shapes, rate, setting.room.interval)
         planned = setting.planned(rows, quick=quick)
         try:
@@ -51,7 +51,7 @@ def within_limits(setting: Setting, shapes: np.ndarray, *, quick: bool = False, 
         worst, name = _worst(setting, extremes)
         if worst <= 1.0:
             return Flight(rows, scale, planned, simulated(planned), extremes, bound_by)
-        scale, bound_by = scale * INSIDE / worst, name
+        scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}", where="--limits", remedy="widen it, shorten the flight, or check the starting values"
     )

@@ -51,7 +51,8 @@ def write_diagnosis(
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
+    ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in the formats ``figures``,
+    ``report.html`` and ``report.json``, ``diagnosis.json`` last.
     ``process`` draws the figures if it can; ``dressed`` adds to the page what else is known.
     """
     from scenarios.diagnosis.report.page import diagnosis_page

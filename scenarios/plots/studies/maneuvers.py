@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from scenarios.plots.display import axis_label, display_unit, plain
 from scenarios.plots.style import BLACK, finish, make_sheet, method_style, time_axis, y_label
 
-_LIMIT = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
+_LIMIT: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 _IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the panel
 
 
@@ -45,7 +46,7 @@ def figure_maneuvers(
         margin = 0.06 * (high - low) or 1.0
         for column, (course, values) in enumerate(zip(courses, flown, strict=True)):
             panel = sheet.axes[row][column]
-            style = {"drawstyle": "steps-post"} if name in course.inputs else {}
+            style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
             look = method_style(column, alone=True)
             panel.plot(time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style)
             for end in shown:

@@ -14,6 +14,7 @@ from ident.maneuver_design.planned_flight import Planned, expected_sigmas, simul
 from ident.maneuver_design.rivalry import Acting, contest, linear_squares
 from ident.tracing.thresholds import AMBIGUOUS
 from sim.declaration.model import Model, Noise
+from sim.declaration.proposal import Traceable
 from sim.effects.library import find_effect
 from sim.maneuvers.steps import three_two_one_one
 from sim.record import Channel, Record
@@ -46,6 +47,7 @@ def flown(model: Model, plan: Planned) -> np.ndarray:
 
 def acting(name: str, **values: float) -> Acting:
     effect = find_effect(name, plain().equations)
+    assert isinstance(effect, Traceable)
     return Acting(effect, {**{item.name: item.value for item in effect.parameters}, **values})
 
 

@@ -133,7 +133,7 @@ def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
     found = fid.design("lateral", fid.vehicle("navion_lateral")).details
     for each in found.maneuvers:
         both = np.min(np.abs(each.flight.rows), axis=0)
-        assert (np.max(both) > 0.0) is (each.kind == "multisine")
+        assert bool(np.max(both) > 0.0) is (each.kind == "multisine")
 
 
 def test_level_flight_is_level() -> None:
