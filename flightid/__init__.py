@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flightid import plot
     from scenarios.api.campaign import Campaign, campaign
     from scenarios.api.check import Check, check
-    from scenarios.api.design import Design, design
+    from scenarios.api.planning.design import Design, design
     from scenarios.api.diagnosis import Diagnosis, diagnose
     from scenarios.api.errors import InputError
     from scenarios.api.identification import Identification, identify
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "campaign"),
     **dict.fromkeys(("Check", "check"), "check"),
-    **dict.fromkeys(("Design", "design"), "design"),
+    **dict.fromkeys(("Design", "design"), "planning.design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),

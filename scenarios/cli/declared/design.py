@@ -35,7 +35,7 @@ def design(
 ) -> None:
     """Before flying: which maneuver determines the derivatives best, or tells effects apart."""
     from scenarios.cli.telling import telling
-    from scenarios.commands.design import design_maneuver
+    from scenarios.commands.planning.design import design_maneuver
     from scenarios.maneuver_design.asked import Asked
 
     names = tuple(name.strip() for name in tell.split(",") if name.strip())
