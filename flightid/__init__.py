@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from flightid import plot
     from scenarios.api.campaign import Campaign, campaign
     from scenarios.api.check import Check, check
-    from scenarios.api.planning.design import Design, design
     from scenarios.api.diagnosis import Diagnosis, diagnose
     from scenarios.api.errors import InputError
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
+    from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
     from scenarios.api.shown.parameters import Parameter, Parameters
