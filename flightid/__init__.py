@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from scenarios.api.errors import InputError
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
+    from scenarios.api.planning.design import Design, design
     from scenarios.api.prediction import Prediction, predict
     from scenarios.api.records.record import Record, read_record
     from scenarios.api.shown.parameters import Parameter, Parameters
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     **dict.fromkeys(("Campaign", "campaign"), "campaign"),
     **dict.fromkeys(("Check", "check"), "check"),
+    **dict.fromkeys(("Design", "design"), "planning.design"),
     **dict.fromkeys(("Diagnosis", "diagnose"), "diagnosis"),
     "InputError": "errors",
     **dict.fromkeys(("Identification", "identify"), "identification"),
@@ -52,6 +54,7 @@ _EXPORTS = {
 __all__ = [
     "Campaign",
     "Check",
+    "Design",
     "Diagnosis",
     "Identification",
     "InputError",
@@ -65,6 +68,7 @@ __all__ = [
     "__version__",
     "campaign",
     "check",
+    "design",
     "diagnose",
     "effects",
     "identify",

@@ -10,6 +10,7 @@ import typer
 from scenarios.cli.declared.campaign import campaign
 from scenarios.cli.declared.check import check
 from scenarios.cli.declared.compare import compare
+from scenarios.cli.declared.design import design
 from scenarios.cli.declared.diagnose import diagnose
 from scenarios.cli.declared.identify import identify
 from scenarios.cli.declared.lab import lab
@@ -23,7 +24,7 @@ from scenarios.cli.helping import GroupedCommands, WithExamples
 
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
-    "Studies": (run, compare, simulate, campaign, report),
+    "Studies": (run, compare, simulate, campaign, design, report),
     "Measured data": (identify, diagnose, predict, check, watch),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),

@@ -37,6 +37,13 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
             "what the model lacks, and the error before and after on another record",
         ),
     ),
+    "design": (
+        ("flightid design --model rigid --vehicle flight_vehicle.toml --out plan", "the maneuver that determines the derivatives best"),
+        (
+            "flightid design --model rigid --vehicle flight_vehicle.toml --tell vane-offset,sensor-lag:alpha --size 'arm=2 m'",
+            "the one that tells a vane ahead of the centre of gravity from a slow one",
+        ),
+    ),
     "predict": (
         ("flightid predict fit flight_validate.csv", "the model of a study on a record that it has not seen"),
         ("flightid predict cause flight_validate.csv --out prediction", "with the effects that were claimed, into a folder"),

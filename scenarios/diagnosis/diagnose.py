@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from ident.tracing.diagnosis import Verdict
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.effort import settings_of
 from scenarios.diagnosis.input_reading import better, left_open, moves_between_samples, no_worse, read_again, tells_times
@@ -24,6 +25,9 @@ from scenarios.preparation.vehicle_model import step_for
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Hold
+
+if TYPE_CHECKING:
+    from scenarios.maneuver_design.design import Design
 
 
 def diagnose_files(request: Request, progress: Callable[[str, float], None] = lambda stage, share: None, trace: Trace | None = None) -> Tracing:
@@ -83,7 +87,17 @@ def diagnose_files(request: Request, progress: Callable[[str, float], None] = la
         opened.flown,
         request.plan,
         all_simulated([*opened.records, *opened.validation]),
+        _decides(diagnosis, request, opened, posed),
     )
+
+
+def _decides(diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed) -> Design | None:
+    """The maneuver that would decide; only an ambiguous verdict costs its time."""
+    if diagnosis.verdict is not Verdict.AMBIGUOUS:
+        return None
+    from scenarios.diagnosis.deciding import deciding_maneuver
+
+    return deciding_maneuver(diagnosis, request, opened.vehicle, posed.model, (*posed.records, *posed.predicted))
 
 
 def _may_read_again(opened: Opened, plan: Plan) -> bool:

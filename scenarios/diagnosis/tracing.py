@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from ident.flying_qualities.mode_levels import Flown
 from ident.tracing.diagnosis import Diagnosis
@@ -16,6 +17,9 @@ from scenarios.preparation.recording import NOTHING_SEEN, RawLook
 from sim.declaration.model import Model
 from sim.declaration.traits import Traits
 from sim.record import Record
+
+if TYPE_CHECKING:
+    from scenarios.maneuver_design.design import Design
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class Tracing:
     ``look``: what their raw columns show. ``overflows``: computations of the loop that left the range of numbers, and were left out.
     ``plan``: how the records were to be read. ``effort``: how far the search looked. ``flown``: by which class and category levels of flying
     qualities are told.
+    ``decides``: the maneuver that would tell what these records could not, of an ambiguous diagnosis.
     ``simulated``: whether a program made all records, as the JSON beside them says.
     """
 
@@ -64,6 +69,7 @@ class Tracing:
     flown: Flown = field(default_factory=Flown)
     plan: Plan = field(default_factory=Plan)
     simulated: bool = False
+    decides: Design | None = None
 
     def __repr__(self) -> str:
         return f"<Tracing: {self.vehicle.model} model of {self.vehicle.name}: {self.diagnosis!r}>"

@@ -51,7 +51,7 @@ WORDS = {"from": "start", "to": "stop", "class": "aircraft_class", "set": "set"}
 LEFT_OUT = {"json", "quiet", "out", "figures", "no_figures", "state_space", "help", "model_file"}
 
 
-@pytest.mark.parametrize("command", ["identify", "diagnose", "predict", "check", "run", "campaign"])
+@pytest.mark.parametrize("command", ["identify", "diagnose", "predict", "check", "run", "campaign", "design"])
 def test_keywords_are_the_options_of_the_command(command: str) -> None:
     import typer.main
 
@@ -73,6 +73,7 @@ OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
     "diagnose": set(),
     "predict": set(),
     "check": set(),
+    "design": set(),
     "run": {"compare"},
     "campaign": {"model", "vehicle", "input", "noise", "duration", "rate"},  # a flight of one's own is a scenario file in Python
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, ErrorFigures, Evidence, Quantity, Step
@@ -21,7 +21,11 @@ from scenarios.files.own_models import channel_units
 from scenarios.files.versions import versions
 from scenarios.preparation.record_words import record_content
 
+if TYPE_CHECKING:
+    from scenarios.maneuver_design.design import Design
+
 SCHEMA = "flightid/diagnosis/1"
+DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 LARGEST = 1e30  # what a number that has run away is written as: it reads back everywhere, and its square is finite
 
 
@@ -69,8 +73,19 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
         "inputs": _inputs(tracing),
         "versions": versions(),
     }
+    if tracing.decides is not None:
+        content |= {"decides": _decides(tracing.decides)}
     kinematics = tracing.kinematics
     return content | ({"compatibility": kinematics_content(kinematics, d.effects, wording)} if kinematics is not None else {})
+
+
+def _decides(found: Design) -> dict[str, Any]:
+    """The maneuver that would decide, as ``design.json`` has it, and where it stands."""
+    from scenarios.maneuver_design.content import maneuver_content
+
+    names = [each.effect.name for each in found.acting]
+    best = found.best
+    return {"tell": names, "chance": best.chance, "maneuver": maneuver_content(found, best), "file": DECIDES, "command": found.asked.command()}
 
 
 def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Candidate, FittedRecord, Prediction, Quantity, Verdict
 from scenarios.diagnosis.keeping import kept_diagnosis
-from scenarios.diagnosis.report.content import LARGEST, bounded, diagnosis_content
+from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.declared_only import as_declared, nothing_stands
 from scenarios.diagnosis.report.evidence import record_labels
 from scenarios.diagnosis.report.figure_process import Process, drawing
@@ -51,7 +51,8 @@ def write_diagnosis(
     """Write a diagnosis into ``folder``, whole or not at all; returns the folder.
 
     Files: ``validate_prediction.csv`` (further records ``validate_prediction_2.csv`` ...), ``residuals.csv`` (likewise),
-    ``evidence.csv``, figures in the formats ``figures``, ``report.html`` and ``report.json``, ``diagnosis.json`` last.
+    ``evidence.csv``, ``decides.csv`` of an ambiguous one, figures in the formats ``figures``,
+    ``report.html`` and ``report.json``, ``diagnosis.json`` last.
     ``process`` draws the figures if it can; ``dressed`` adds to the page what else is known.
     """
     from scenarios.diagnosis.report.page import diagnosis_page
@@ -71,6 +72,10 @@ def write_diagnosis(
         kept = kept_diagnosis(tracing)
         if kept is not None:
             write_kept(scratch, kept)
+        if tracing.decides is not None:
+            from scenarios.maneuver_design.files import write_maneuver
+
+            write_maneuver(scratch, tracing.decides.best, Path(DECIDES).stem)
         write_json(scratch / MAIN, content)
     return Path(folder)
 

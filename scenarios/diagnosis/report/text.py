@@ -153,7 +153,17 @@ def verdict_advice(tracing: Tracing) -> list[str]:
     for claim in tracing.diagnosis.effects:
         for names, maneuver in separating_maneuvers(claim.name, claim.alternatives, wording_of(tracing)):
             lines.append(f"{claim.name} or {' or '.join(names)}: these data fit both. To tell them apart: {maneuver}")
-    return lines
+    return [*lines, *deciding_lines(tracing)]
+
+
+def deciding_lines(tracing: Tracing) -> list[str]:
+    """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the command that designs it again."""
+    if tracing.decides is None:
+        return []
+    from scenarios.maneuver_design.text import verdict_of
+
+    word, _, told = verdict_of(tracing.decides).partition(": ")
+    return [f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}", f"designed by: {tracing.decides.asked.command()}"]
 
 
 def effect_heading(claim: Claim, wording: Wording) -> str:

@@ -34,6 +34,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compared_errors": "Errors of all studies",
         "compared_responses": "Outputs of all studies over time",
         "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
+        "maneuvers": "Inputs and expected responses of every maneuver, the best first, with the limits",
         "watched": "Parameters while the stream arrived",
     }
 )

@@ -1,0 +1,1 @@
+"""Flights that have not been flown, in Python."""

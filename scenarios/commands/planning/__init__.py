@@ -1,0 +1,1 @@
+"""Commands on flights that have not been flown."""

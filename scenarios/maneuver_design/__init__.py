@@ -1,0 +1,1 @@
+"""Which maneuver to fly, before it is flown."""

@@ -1,0 +1,221 @@
+"""The design of maneuvers: limits kept by a finer flight, the CSV flown again, multisines, faults in one line, the command that does it again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flightid as fid
+from ident.tracing.diagnosis import Claim, Quantity, Verdict
+from scenarios.diagnosis.deciding import deciding_maneuver
+from scenarios.files.records import read_record
+from scenarios.maneuver_design.asked import Asked
+from scenarios.maneuver_design.design import Design, design
+from scenarios.maneuver_design.files import MAIN, write_design
+from scenarios.maneuver_design.kinds import as_held, no_faster
+from scenarios.maneuver_design.limits import offset_of
+from scenarios.maneuver_design.setting import setting_of
+from scenarios.maneuver_design.text import design_text
+from scenarios.preparation.request import Request
+from sim.errors import DeclarationError
+from sim.maneuvers.multisine import least_peak_multisine, peak_factor, schroeder_multisine
+from sim.record import Record
+from sim.truth.flight import fly
+
+VEHICLE = """name = "fighter"
+mass = 7500.0
+wing_area = 30.0
+chord = 2.4
+pitch_inertia = 32000.0
+airspeed = 130.0
+air_density = 0.96
+[derivatives]
+CL_alpha = 5.2
+CL_q = 7.0
+CL_de = 0.4
+Cm_alpha = -0.95
+Cm_q = -17.0
+Cm_de = -1.3
+"""
+LIMITS = {"nz_max": 1.6, "nz_min": 0.5, "alpha_max": "3 deg", "q_max": "9 deg/s", "elevator_amplitude": "4 deg", "elevator_rate": "20 deg/s"}
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("design") / "vehicle.toml"
+    path.write_text(VEHICLE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def told(vehicle: Path) -> Design:
+    return design(Asked("rigid", vehicle, LIMITS, tell=("vane-offset", "sensor-lag:alpha"), size="arm=1 m", duration=12.0))
+
+
+def extremes(found: Design, record: Record) -> dict[str, tuple[float, float]]:
+    """Of a flight in steps that are five times finer, load factors as totals."""
+    flight, _ = fly(found.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002)
+    offset = {name: offset_of(found.setting.model, name) for name in flight.output_names}
+    return {name: (float(flight[name].values.min()) + offset[name], float(flight[name].values.max()) + offset[name]) for name in flight.output_names}
+
+
+def test_a_flight_keeps_the_limits_and_comes_near_one(told: Design) -> None:
+    limits = told.setting.limits
+    for each in told.maneuvers:
+        record = each.flight.planned.record
+        found = extremes(told, record)
+        shares = [
+            max((v - r) / (m - r) for v, m, r in ((lo, least, rest), (hi, most, rest)))
+            for name, (lo, hi) in found.items()
+            for least, most in [limits.outputs[name]]
+            for rest in [1.0 if name == "nz" else 0.0]
+        ]
+        u = record["elevator"].values
+        assert max(shares) <= 1.001
+        assert np.max(np.abs(u)) <= np.radians(4.0) + 1e-12
+        assert np.max(np.abs(np.diff(u))) <= np.radians(20.0) * 0.02 + 1e-12
+        assert max(shares) > 0.95 or np.max(np.abs(u)) > 0.9 * np.radians(4.0) or each.kind in ("3-2-1-1", "doublet")
+
+
+def test_the_maneuver_reads_back_and_flies_the_same(told: Design, tmp_path: Path) -> None:
+    write_design(told, tmp_path / "plan", figures=())
+    record = read_record(tmp_path / "plan" / "maneuver.csv", ("elevator",))
+    assert np.array_equal(record["elevator"].values, told.best.flight.planned.record["elevator"].values)
+    assert record.hold is told.best.flight.planned.record.hold
+    again, _ = fly(told.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002)
+    with (tmp_path / "plan" / "expected.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for name, std in told.setting.noise.items():
+        assert np.max(np.abs(again[name].values - np.array([float(row[name]) for row in rows]))) < 0.02 * std
+
+
+def test_the_folder_has_a_page_and_strict_json(told: Design, tmp_path: Path) -> None:
+    folder = write_design(told, tmp_path / "plan", figures=("svg",))
+    content = json.loads((folder / MAIN).read_text())
+    assert content["schema"] == "flightid/design/1" and content["best"] == told.best.kind
+    assert {each["kind"] for each in content["maneuvers"]} == {"3-2-1-1", "doublet", "sweep", "multisine"}
+    assert all(0.0 <= contest["chance"] <= 1.0 for each in content["maneuvers"] for contest in each["contests"])
+    page = (folder / "report.html").read_text()
+    assert "vane-offset" in page and "<svg" in page and (folder / "maneuvers.svg").is_file()
+    assert all(each.kind in design_text(told) for each in told.maneuvers)
+
+
+def test_the_best_maneuver_is_the_first(told: Design) -> None:
+    chances = [round(each.chance, 3) for each in told.maneuvers]
+    assert chances == sorted(chances, reverse=True)
+
+
+def test_multisines_are_orthogonal_and_of_low_peak() -> None:
+    period, t = 20.0, np.arange(2000) * 0.01
+    one, other = (least_peak_multisine(1.0, period, range(first, 31, 2)) for first in (1, 2))
+    product = np.array([m(t) for m in (one, other)])
+    gram = product @ product.T / len(t)
+    assert gram == pytest.approx(np.eye(2), abs=1e-9)
+    for m in (one, other):
+        assert peak_factor(m) < 0.9 * peak_factor(schroeder_multisine(1.0, period, m.harmonics))
+        assert abs(float(m(np.array(0.0)))) < 1e-6
+
+
+def test_a_rate_limit_follows_as_fast_as_it_may() -> None:
+    rows = np.array([[0.0, 1.0, 1.0, 1.0, 0.0, 0.0]])
+    assert no_faster(rows, np.array([4.0]), 0.1).tolist() == [pytest.approx([0.0, 0.4, 0.8, 1.0, 0.6, 0.2])]
+    assert np.array_equal(no_faster(rows, np.array([np.inf]), 0.1), rows)
+
+
+def test_two_inputs_fly_one_after_the_other_or_at_once() -> None:
+    found = fid.design("lateral", fid.vehicle("navion_lateral")).details
+    for each in found.maneuvers:
+        both = np.min(np.abs(each.flight.rows), axis=0)
+        assert bool(np.max(both) > 0.0) is (each.kind == "multisine")
+
+
+def test_level_flight_is_level() -> None:
+    setting = setting_of(Asked("longitudinal", fid.vehicle("navion_longitudinal").source_for("longitudinal")))
+    flown, _ = fly(setting.model, as_held(setting.planned(np.zeros((2, len(setting.room.time)))).record), setting.room.time, np.random.default_rng(0))
+    assert np.ptp(flown["airspeed"].values) < 1e-3 and flown["nz"].values == pytest.approx(np.cos(setting.model.initial["alpha"].value), abs=1e-4)
+
+
+FAULTS: list[tuple[dict[str, Any], str]] = [
+    ({"tell": ("vane-offset",)}, "1 effects"),
+    ({"tell": ("vane-offset", "vane-ofset")}, "did you mean 'vane-offset'"),
+    ({"tell": ("vane-offset", "gust-turbulence")}, "is random"),
+    ({"tell": ("vane-offset", "sensor-lag:alpha"), "size": "arms=2"}, "did you mean 'arm'"),
+    ({"limits": {"nz_maximum": 2.0}}, "did you mean 'nz_max'"),
+    ({"limits": {"alpha_max": "3 kg"}}, "does not measure an angle"),
+    ({"limits": {"nz_max": 0.9}}, "before any maneuver"),
+    ({"limits": {"elevator_rate": -1.0}}, "is not above 0"),
+    ({"noise": ("alpha=0",)}, "is not above 0"),
+    ({"value": ("CL_alpha",)}, "this is not NAME=VALUE"),
+    ({"duration": 1.0}, "leave no room"),
+    ({"rate": 1e6}, "samples"),
+]
+
+
+@pytest.mark.parametrize(("change", "line"), FAULTS)
+def test_a_fault_is_told_in_one_line(vehicle: Path, change: dict[str, Any], line: str) -> None:
+    change = {"values" if key == "value" else key: value for key, value in change.items()}
+    with pytest.raises(DeclarationError, match=line) as caught:
+        design(replace(Asked("rigid", vehicle), **change))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_falling_body_has_no_input() -> None:
+    source = fid.vehicle("ballistic_target").source_for("ballistic")
+    with pytest.raises(DeclarationError, match="no input to design"):
+        design(Asked("ballistic", source))
+
+
+def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> None:
+    """What is printed, typed again, designs the same maneuver with the same chance, to the last bit."""
+    first = design(Asked("rigid", vehicle, duration=12.0))
+    after = {name: Quantity(1.07 * first.setting.model.parameters[name].value, 0.01, "1/rad") for name in first.best.sigmas}
+    claim = Claim("vane-offset", {"arm": Quantity(1.23456, 0.1, "m")}, ("accelerometer-offset:nz", "sensor-lag:alpha"))
+    d: Any = type(
+        "D",
+        (),
+        {"verdict": Verdict.AMBIGUOUS, "effects": (claim,), "after": after, "residual_std": {"alpha": 0.00123, "q": 0.0015}, "trained_after": None},
+    )()
+    d.trained_after = type("T", (), {"effects": (found_effect(),)})()
+    records = (first.best.flight.planned.record,)
+    found = deciding_maneuver(d, Request((Path("flight.csv"),), "rigid", vehicle), first.setting.vehicle, first.setting.model, records)
+    assert found is not None and [each.effect.name for each in found.acting] == ["vane-offset", "sensor-lag:alpha"]
+    again = design(asked_by(found.asked.command()))
+    assert np.array_equal(again.best.flight.rows, found.best.flight.rows) and again.best.chance == found.best.chance
+    d.verdict = Verdict.TRACED
+    assert deciding_maneuver(d, Request((Path("flight.csv"),), "rigid", vehicle), first.setting.vehicle, first.setting.model, records) is None
+
+
+def found_effect() -> Any:
+    from sim.effects.library import find_effect
+
+    return find_effect("vane-offset", fid_equations())
+
+
+def fid_equations() -> Any:
+    from sim.vehicles.short_period import ShortPeriod
+
+    return ShortPeriod()
+
+
+def asked_by(command: str) -> Asked:
+    """What the command line makes of a command."""
+    words = shlex.split(command)[2:]
+    options = dict(zip(words[::2], words[1::2], strict=True))
+    return Asked(
+        options["--model"],
+        Path(options["--vehicle"]),
+        tell=tuple(options["--tell"].split(",")),
+        size=options["--size"],
+        values=(options["--value"],),
+        noise=(options["--noise"],),
+        amplitude=(options["--amplitude"],),
+        duration=float(options["--duration"]),
+        rate=float(options["--rate"]),
+    )
