@@ -1,15 +1,23 @@
-"""A study of N tasks: what is asked, what is kept in its folder, and the table of all rows."""
+"""A study of N tasks: what is asked, what is missing of it, and the table of all rows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from scenarios.tasks.rows import Columns, Table, all_columns, columns_of, in_order, joined, table_of
 from scenarios.tasks.running import run_blocks
-from scenarios.tasks.work import Ended, Work, tasks_of
+from scenarios.tasks.work import Ended, Task, Work, seed_of
+from sim.errors import FlightidError
+
+if TYPE_CHECKING:
+    from scenarios.tasks.shards import Shards
 
 Tell = Callable[[str, float], None]
 
@@ -19,7 +27,8 @@ class Asked:
     """How many tasks, from which root of seeds, and how they are run.
 
     ``jobs`` : processes. ``folder`` : where rows are kept as they come (None: in memory alone). ``resume`` : go on with what that
-    folder holds. ``cluster`` : the address of a Dask scheduler. ``longest`` : s that a block of tasks may take.
+    folder holds. ``cluster`` : the address of a Dask scheduler. ``longest`` : s that a block of tasks may take. ``unit`` : what a task is
+    called, in the plural.
     """
 
     count: int
@@ -29,26 +38,26 @@ class Asked:
     resume: bool = False
     cluster: str | None = None
     longest: float | None = None
+    unit: str = "runs"
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Rows of the tasks that have ended, in the order of their numbers.
+class Blocks(Sequence[Sequence[Task]]):
+    """Blocks of the tasks that are missing, made when they are asked for: a study of a million takes no room for its tasks."""
 
-    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where there is a row); cells of tasks without a row
-    are None, NaN in columns of floats. ``asked`` : how many tasks there were to be.
-    """
-
-    columns: Mapping[str, np.ndarray]
-    asked: int
+    def __init__(self, root: int, numbers: Sequence[np.ndarray]) -> None:
+        self._root, self._numbers = root, numbers
 
     def __len__(self) -> int:
-        return len(self.columns["number"])
+        return len(self._numbers)
 
-    @property
-    def whole(self) -> bool:
-        """Whether all tasks have ended."""
-        return len(self) == self.asked
+    @overload
+    def __getitem__(self, at: int) -> Sequence[Task]: ...
+    @overload
+    def __getitem__(self, at: slice) -> Blocks: ...
+    def __getitem__(self, at: int | slice) -> Sequence[Task] | Blocks:
+        if isinstance(at, slice):
+            return Blocks(self._root, self._numbers[at])
+        return [Task(int(number), seed_of(self._root, int(number))) for number in self._numbers[at]]
 
 
 def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) -> Table:
@@ -56,24 +65,89 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
 
     Raises
     ------
-    FlightidError : the folder holds another study, or none to resume.
+    FlightidError : the folder holds another study, or none to resume, cannot be written, or another process writes there.
+    KeyboardInterrupt : Ctrl-C, where no task had ended.
     """
-    tasks = tasks_of(asked.root, range(asked.count))
-    blocks = [tasks[at : at + work.block] for at in range(0, len(tasks), work.block)]
-    ended: list[Ended] = []
-    for found in run_blocks(work, blocks, asked.jobs, asked.longest):
-        ended += found
-        tell(f"{len(ended)} of {asked.count} runs", len(ended) / asked.count)
-    return _table(work, sorted(ended, key=lambda each: each.task.number), asked.count)
+    if asked.folder is None:
+        if asked.resume:
+            raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
+        pieces: list[Columns] = []
+        _run(work, asked, np.arange(asked.count), lambda ended: pieces.append(columns_of(work, ended)), tell)
+        return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
+    from scenarios.tasks.shards import Shards, locked, missing
+
+    folder = asked.folder
+    shards: Shards | None = None
+    try:
+        with ExitStack() as stack:
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder))
+            _agree(work, asked, folder)
+            shards = Shards(folder, work)
+            left = missing(shards.read(asked.count), asked.count)
+            with shards:
+                _run(work, asked, left, shards.add, tell)
+            columns = shards.read(asked.count)
+            shards.compact()
+    except OSError as error:
+        kept = 0 if shards is None else len(shards.read(asked.count)["number"])
+        what = f"cannot be written ({error.strerror or error}); {kept} of {asked.count} {asked.unit} are kept"
+        raise FlightidError(what, where=str(folder), remedy="make room or mend it, then go on with --resume") from None
+    return table_of(work, columns, asked.count)
 
 
-def _table(work: Work, ended: list[Ended], asked: int) -> Table:
-    columns: dict[str, np.ndarray] = {
-        "number": np.array([each.task.number for each in ended], dtype=np.int64),
-        "seed": np.array([each.task.seed for each in ended], dtype=np.int64),
-        "error": np.array([each.error for each in ended], dtype=object),
-    }
-    for name, kind in work.columns.items():
-        cells = [None if each.row is None else each.row[name] for each in ended]
-        columns[name] = np.array([np.nan if cell is None else cell for cell in cells]) if kind == "float" else np.array(cells, dtype=object)
-    return Table(columns, asked)
+def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[Ended]], None], tell: Tell) -> None:
+    """Run the tasks of ``numbers``; Ctrl-C ends it."""
+    grouped = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1) if len(numbers) else []
+    before = asked.count - len(numbers)
+    done, since = 0, time.monotonic()
+    tell(_stage(before, asked, 0.0), before / asked.count)
+    ways = _by_cluster if asked.cluster else _here
+    found = ways(work, Blocks(asked.root, grouped), asked)
+    try:
+        for ended in found:
+            keep(ended)
+            done += len(ended)
+            tell(_stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)), (before + done) / asked.count)
+    except KeyboardInterrupt:
+        if before + done == 0:
+            raise KeyboardInterrupt(f"none of {asked.count} {asked.unit} had ended") from None
+    finally:
+        found.close()
+
+
+def _here(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], None, None]:
+    yield from run_blocks(work, blocks, asked.jobs, asked.longest)
+
+
+def _by_cluster(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], None, None]:
+    from scenarios.tasks.cluster import run_on_cluster  # type: ignore[import-not-found]
+
+    assert asked.cluster is not None
+    yield from run_on_cluster(work, blocks, asked.cluster, asked.longest)
+
+
+def _agree(work: Work, asked: Asked, folder: Path) -> None:
+    """The manifest of what is asked, written where there is none, compared with the one that is there."""
+    from scenarios.tasks.manifest import manifest_of, read_manifest, refuse_another, write_manifest
+
+    wanted, kept = manifest_of(work, asked.root, asked.count), read_manifest(folder)
+    if kept is None:
+        if asked.resume:
+            raise FlightidError("there is no study to go on with", where=str(folder), remedy="leave --resume out, or name the folder of one")
+        write_manifest(folder, wanted)
+        return
+    if not asked.resume:
+        raise FlightidError("a study is kept here", where=str(folder), remedy="go on with it by --resume, or name another folder")
+    refuse_another(kept, wanted, folder)
+    if asked.count > kept["count"]:
+        write_manifest(folder, wanted)
+
+
+def _stage(done: int, asked: Asked, rate: float) -> str:
+    """``"120 of 1000 runs, 14 a second"``, slow ones by the minute or hour."""
+    words = f"{done} of {asked.count} {asked.unit}"
+    for per, seconds in (("second", 1.0), ("minute", 60.0), ("hour", 3600.0)):
+        if rate * seconds >= 1.0:
+            return f"{words}, {rate * seconds:.3g} a {per}"
+    return words

@@ -24,12 +24,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Ended:
-    """A task that has ended: its row, or in its place what went wrong, in one line; ``seconds`` of wall time, with its block's shared alike."""
+    """A task that has ended: its row, or in its place what went wrong, in one line; ``seconds`` of wall time, with its block's shared alike.
+
+    ``passing`` : a circumstance is to blame, as a process that died or too short a time; where the study is resumed, it is computed again.
+    """
 
     task: Task
     row: Row | None
     error: str = ""
     seconds: float = 0.0
+    passing: bool = False
 
 
 class Work(Protocol):
@@ -37,7 +41,7 @@ class Work(Protocol):
 
     ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``; a cell may be None.
     ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin at multiples of it, so that no task's row
-    depends on how many are asked for, or on who works.
+    depends on how many are asked for, or on who works. Work may have ``quick`` True: a block takes less time than starting a process.
     """
 
     @property

@@ -7,6 +7,7 @@ for each). A free simulation would let a slow cause take in whatever else is slo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,7 +24,7 @@ from sim.declaration.proposal import Traceable
 def predicted_gains(before: Sequence[Fit], after: Sequence[Fit], effect: Traceable) -> np.ndarray:
     """Gain of log likelihood of one-step predictions on each record left out, ``(records,)``, less what its own values cost."""
     count = len(local_names(effect))
-    prices = [0.5 * count * float(np.log(max(float(fit.counts.sum()), np.e))) for fit in after]
+    prices = [0.5 * count * float(np.log(max(float(fit.counts.sum()), math.e))) for fit in after]
     return np.array([coloured_gain([one], [two]) - price for one, two, price in zip(before, after, prices, strict=True)])
 
 
