@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from scenarios.tasks.rows import Columns, Table, all_columns, columns_of, in_order, joined, table_of
-from scenarios.tasks.running import run_blocks
+from scenarios.tasks.sharing import run_blocks
 from scenarios.tasks.work import Ended, Task, Work, seed_of
 from sim.errors import FlightidError
 
