@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.api.running import KEPT, LOOP
+from scenarios.api.running import KEPT, untold
 from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
 from scenarios.api.study import Settings, changes_of, seed_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
-from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
+from scenarios.studies.catalogue import IDENTIFICATION, load_document, scenario_kind
+from scenarios.studies.runs.work import Rebuilt
+from scenarios.tasks.manner import Manner
+from scenarios.trials.names import LOOP
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -65,11 +68,13 @@ class Campaign:
         return pandas.DataFrame(rows, columns=list(COLUMNS), index=pandas.Index([each.name for each in spreads], name="parameter"))
 
     def estimates(self) -> pandas.DataFrame:
-        """One row a run: each estimate and its ``std_NAME``."""
+        """One row a run: its seed, each estimate and its ``std_NAME``."""
         import pandas
 
         pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
-        return pandas.DataFrame({**pairs, **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)}})
+        return pandas.DataFrame(
+            {"seed": self.details.seeds[self.details.kept], **pairs, **{f"std_{name}": self.sigmas[:, i] for i, name in enumerate(self.names)}}
+        )
 
     def summary(self) -> str:
         """What the command prints."""
@@ -101,13 +106,28 @@ class Campaign:
         return html.page(self._title, html.table(("parameter", *COLUMNS), rows, left=2))
 
 
-def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, set: Settings = None, method: str | None = None) -> Campaign:
-    """The same scenario with ``runs`` seeds from ``seed`` on: bias, scatter against reported sigma, coverage; ``flightid campaign`` in Python.
+def campaign(
+    name: str | PathLike[str],
+    runs: int,
+    *,
+    seed: int | None = None,
+    set: Settings = None,
+    method: str | None = None,
+    jobs: int | None = None,
+    out: str | PathLike[str] | None = None,
+    resume: bool = False,
+    cluster: str | None = None,
+    time_limit: float | None = None,
+) -> Campaign:
+    """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against reported sigma, coverage; as ``flightid campaign``.
+
+    ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come; ``resume`` goes on with them, ``runs`` may be more
+    than before. ``cluster`` : the address of a Dask scheduler. ``time_limit`` : s that a run may take.
 
     Raises
     ------
-    InputError : there is no such scenario or method, or it is none of estimators.
-    KeyboardInterrupt : by Ctrl-C; runs that had ended are lost, which the command alone keeps.
+    InputError : there is no such scenario or method, it is none of estimators, or ``out`` holds another campaign.
+    KeyboardInterrupt : by Ctrl-C; runs that had ended are kept in ``out`` where that is given.
     """
     text = str(name)
     count = _count_of(runs)
@@ -115,9 +135,11 @@ def campaign(name: str | PathLike[str], runs: int, *, seed: int | None = None, s
     if kind != IDENTIFICATION:
         what = f"{text} is a campaign of {kind}, and only those of estimators are run from Python"
         raise DeclarationError(what, where="campaign", remedy=f"flightid campaign {text} --runs {runs}")
-    scenario = load_scenario(text, changes_of(set))
-    with named_after(scenario_file(text)):
-        found = campaigns.fly_campaign(scenario, count, seed_of(seed), method or "main")
+    document, short, where = load_document(text, changes_of(set))
+    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    manner = Manner(jobs, None if out is None else Path(out), resume, cluster, time_limit)
+    with named_after(where):
+        found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", untold, manner, again)
     if len(found.seeds) < found.asked:
         raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
     return Campaign(found)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, float], None]
 KEPT = "below; save(FOLDER) keeps them"  # where more is to be read than a summary says, in Python
-LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")  # campaigns of the tracing loop itself
 
 
 class Write(Protocol):

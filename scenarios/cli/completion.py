@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from scenarios.trials.names import LOOP
+
 # Said here once more, so that neither help nor completion loads what computes; a test holds both against the lists that count.
 MODEL_NAMES = ("ballistic", "rigid", "flexible", "loes", "lateral", "longitudinal")
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
-LOOP_CAMPAIGNS = ("false-alarms", "clean-models", "weak-effects", "random-papers")
 
 
 def scenarios(incomplete: str) -> list[str]:
@@ -19,7 +20,7 @@ def scenarios(incomplete: str) -> list[str]:
 
 def campaigns(incomplete: str) -> list[str]:
     """Scenarios, and the campaigns of the tracing loop itself."""
-    return [*scenarios(incomplete), *_beginning(LOOP_CAMPAIGNS, incomplete)]
+    return [*scenarios(incomplete), *_beginning(LOOP, incomplete)]
 
 
 def models(incomplete: str) -> list[str]:

@@ -77,3 +77,7 @@ Category = Annotated[
 Channels = Annotated[Path | None, typer.Option("--channels", metavar="MAP", help="TOML file that maps columns to channels.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors and warnings.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the study's JSON document, as --out writes it, and nothing else.")]
+Jobs = Annotated[int | None, typer.Option("--jobs", metavar="N", help="Processes, each with one thread; else one a core. No number depends on it.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with what the folder of --out holds; --runs may be larger than before.")]
+Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="Work on a Dask cluster, by its scheduler's tcp://HOST:PORT.")]
+TimeLimit = Annotated[float | None, typer.Option("--time-limit", metavar="S", help="Seconds that a run may take; one that takes longer is left out.")]

@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenarios.api.running import LOOP
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
+from scenarios.studies.runs.work import Rebuilt
+from scenarios.tasks.manner import Manner, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
-from scenarios.trials.stopping import stopped_after
+from scenarios.trials.names import LOOP
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -22,33 +23,41 @@ if TYPE_CHECKING:
 
 
 def own_campaign(
-    asked: OwnFlight, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], figures: Formats = USUAL, *, progress: bool = True
+    asked: OwnFlight,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    changes: Sequence[str],
+    figures: Formats = USUAL,
+    *,
+    progress: bool = True,
 ) -> None:
     """The same of a user's own model in a flight that the command line describes."""
     from scenarios.studies.catalogue import with_changes
     from scenarios.studies.scenario_file.reading import scenario_of
     from scenarios.trials.planted.own_flight import study_document
 
-    scenario = scenario_of(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
-    _run(scenario, asked.model, runs, seed, out, figures, progress=progress)
+    again = Rebuilt(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
+    scenario = scenario_of(again.document, again.name, again.where)
+    _run(scenario, again, runs, seed, manner, figures, progress=progress)
 
 
 def run_campaign(
     name: str,
     runs: int,
     seed: int | None,
-    out: Path | None,
+    manner: Manner,
     changes: Sequence[str],
     method: str | None = None,
     figures: Formats = USUAL,
     *,
     progress: bool = True,
 ) -> None:
-    """Run, print, and write ``campaign.json`` and ``estimates.csv`` into ``out``; of a scenario of estimators by one ``method``, else its main.
+    """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
 
     ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the table of the runs that had ended.
     """
-    from scenarios.studies.catalogue import IDENTIFICATION, load_scenario, scenario_file, scenario_kind
+    from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind
 
     kind = "" if name in LOOP else scenario_kind(name)
     if kind != IDENTIFICATION:
@@ -56,22 +65,24 @@ def run_campaign(
     if name in LOOP:
         from scenarios.commands.trials import run_trials
 
-        run_trials(name, runs, seed, out, changes, progress)
+        run_trials(name, runs, seed, manner, changes, progress)
         return
     if kind == "standin":
         from scenarios.commands.simulated.standin import standin_campaign
 
-        standin_campaign(name, runs, seed, out, changes, progress)
+        standin_campaign(name, runs, seed, manner, changes, progress)
         return
     if kind == "trace":
         from scenarios.commands.simulated.planted import trace_campaign
 
-        trace_campaign(name, runs, seed, out, changes, progress)
+        trace_campaign(name, runs, seed, manner, changes, progress)
         return
     if kind != IDENTIFICATION:
         remedy = "scenarios that have one are simulated flights, trace-... and standin-..."
         raise DeclarationError(f"there is no campaign of a scenario of kind {kind}", where=name, remedy=remedy)
-    _run(load_scenario(name, changes), scenario_file(name), runs, seed, out, figures, method or "main", progress=progress)
+    document, short, where = load_document(name, changes)
+    again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
+    _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", progress=progress)
 
 
 def refuse_method(method: str | None) -> None:
@@ -81,12 +92,22 @@ def refuse_method(method: str | None) -> None:
 
 
 def _run(
-    scenario: Scenario, file: str, runs: int, seed: int | None, out: Path | None, figures: Formats, method: str = "main", *, progress: bool = True
+    scenario: Scenario,
+    again: Rebuilt,
+    runs: int,
+    seed: int | None,
+    manner: Manner,
+    figures: Formats,
+    method: str = "main",
+    *,
+    progress: bool = True,
 ) -> None:
-    with named_after(file), progress_bar(progress) as tell:
-        campaign = fly_campaign(scenario, runs, seed, method, tell)
-    with stopped_after(len(campaign.seeds), campaign.asked, out):
-        print_campaign(campaign, details=details_in(out))
-        if out is not None:
-            write_campaign(campaign, out, figures=figures)
-            print(written_to(out))
+    with named_after(again.where), progress_bar(progress) as tell:
+        campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
+    out = manner.out
+    print_campaign(campaign, details=details_in(out))
+    if out is not None:
+        write_campaign(campaign, out, figures=figures)
+        print(written_to(out))
+    if len(campaign.seeds) < campaign.asked:
+        raise stopped(len(campaign.seeds), campaign.asked, "runs", out)

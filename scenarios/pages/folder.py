@@ -70,7 +70,8 @@ def _again(folder: Path) -> str:
     if document.get("schema") == "flightid/comparison/1" and isinstance(name, str) and "seed" in document:
         return f"run it again: flightid run {name} --seed {document['seed']} --out {folder}"
     if isinstance(name, str) and "runs" in document:
-        return f"run it again: flightid campaign {name} --runs {document['runs']} --seed {document.get('first_seed', 1)} --out {folder}"
+        seed = document.get("seed", document.get("first_seed", 1))
+        return f"run it again: flightid campaign {name} --runs {document['runs']} --seed {seed} --out {folder}"
     return f"run its command again with --out {folder}"
 
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.banks.bank import BankEstimate, run_bank
-from ident.filters.ekf import SETTLED
 from ident.statistics.shares import clopper_pearson, clustered_share
 from scenarios.files.declarations import closest
-from scenarios.studies.declaration import Estimation, Scenario, seen_by
-from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
-from scenarios.studies.flying import fly_scenario, measured_again
-from scenarios.studies.study import references
-from sim.declaration.model import Model
-from sim.declaration.system import System
+from scenarios.studies.declaration import Estimation, Scenario
+from scenarios.studies.runs.work import ESTIMATE, SIGMA, SOUND, EstimatorRuns, Rebuilt
+from scenarios.tasks.manner import Manner
+from scenarios.tasks.rows import Table
+from scenarios.tasks.study import run_study
 from sim.errors import DeclarationError, ModelError
-from sim.record import Record
-from sim.truth.flight import Truth, remeasure
 
 RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
+ALONE = Manner()
 FEWEST = 2  # runs, of which alone a scatter can be told
-CHUNK = 500  # runs in one batch: enough to fill the vector units, little enough for the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,125 +44,92 @@ class Spread:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Results of N runs: estimates and sigmas ``(n, N)``, and their summary.
+    """Results of N runs: estimates and sigmas ``(n, M)`` of the M sound ones, and their summary.
 
-    ``broken`` runs are left out of it; ``asked`` is how many runs it was to be.
+    ``root`` : from which the seeds of all runs spring; ``seeds`` ``(N,)`` : of the runs that ended, by which ``flightid run`` flies one again;
+    ``kept`` ``(N,)`` : which of them are sound. ``broken`` runs are left out, ``failures`` tells by what; ``asked`` is how many runs it was to be.
+    ``nees`` ``(M,)`` : normalised estimation error squared of all parameters together, NaN where there is none. ``nis``, ``degrees``
+    ``(M,)`` : sum of the normalised innovations squared and of how many measured numbers that is, zero where the method has none.
     """
 
     scenario: Scenario
     estimation: Estimation
-    seeds: range
+    root: int
+    seeds: np.ndarray
     names: tuple[str, ...]
     values: np.ndarray
     std: np.ndarray
-    broken: int
+    kept: np.ndarray
     spreads: tuple[Spread, ...]
     pooled: Spread
     asked: int
+    nees: np.ndarray
+    nis: np.ndarray
+    degrees: np.ndarray
+    failures: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def broken(self) -> int:
+        """Runs that are left out."""
+        return len(self.seeds) - int(np.sum(self.kept))
 
     def __repr__(self) -> str:
         return f"<Campaign of {self.scenario.name}: {len(self.seeds)} runs by {self.estimation.name}>"
 
 
 Progress = Callable[[str, float], None]
-Piece = tuple[tuple[str, ...], np.ndarray, np.ndarray, np.ndarray]  # names, estimates and sigmas (n, k), and which of the runs are sound (k,)
 
 
 def fly_campaign(
-    scenario: Scenario, runs: int, seed: int | None = None, method: str = "main", progress: Progress = lambda stage, share: None
+    scenario: Scenario,
+    runs: int,
+    seed: int | None = None,
+    method: str = "main",
+    progress: Progress = lambda stage, share: None,
+    manner: Manner = ALONE,
+    again: Rebuilt | None = None,
 ) -> Campaign:
-    """Run one of a scenario's estimations with ``runs`` seeds from ``seed`` on; run i equals ``flightid run --seed``.
+    """Run one of a scenario's estimations ``runs`` times; run k has the seed of task k of ``seed`` and equals ``flightid run --seed`` with that.
 
-    Filters run as one batch; whole-record fits one after the other. Where process noise really acts or measured outputs are
-    fed back every run is flown anew, else the same flight is measured again. Ctrl-C ends it with the runs that had been estimated, if
-    these are enough: ``asked`` then is more than there are seeds.
+    Where process noise really acts or measured outputs are fed back every run is flown anew, else the same flight is measured again.
+    ``manner`` : how many processes, where rows are kept, ...; no number depends on it but where the time limit ends a run. ``again`` : from
+    what other processes make the scenario, where it holds a user's own functions. Ctrl-C ends it with the runs that had been
+    estimated, if these are enough: ``asked`` then is more than there are seeds.
 
     Raises
     ------
-    FlightidError : there is no method of that name, or what it declares cannot be flown or estimated.
+    FlightidError : there is no method of that name, what it declares cannot be flown or estimated, or the folder holds another campaign.
     """
-    first = scenario.seed if seed is None else seed
     known = {estimation.name: estimation for estimation in scenario.estimations}
     if method not in known:
         raise DeclarationError(f"there is no method {method!r}", where="--method", remedy=closest(method, known))
-    estimation = known[method]
-    scenario = seen_by(scenario, estimation)
-    record, truth = fly_scenario(scenario, first)
-    model = declared_model(estimation, flight_constants(scenario.flight, estimation), assumed_noise(scenario, estimation))
-    # A batch has one input, and under feedback no two runs have the same.
-    estimated, size = (_bank, CHUNK) if estimation.method == "ekf" and not scenario.flight.feedback else (_one, 1)
-    pieces: list[Piece] = []
-    try:
-        for start in range(first, first + runs, size):
-            progress(f"{start - first} of {runs} runs", (start - first) / runs)
-            part = range(start, min(start + size, first + runs))
-            pieces.append(estimated(estimation, [_record(scenario, estimation, record, truth, s) for s in part], model))
-    except KeyboardInterrupt:
-        if sum(len(sound) for *_, sound in pieces) < FEWEST:
-            raise
-    names = pieces[0][0]
-    values, std, sound = (np.concatenate([piece[k] for piece in pieces], axis=-1) for k in (1, 2, 3))
-    done = len(sound)
-    reference = {item.name: item.value for item in truth.parameters}
-    reference |= references(scenario, estimation)
-    units = {item.name: item.unit for item in model.parameters}
-    if np.sum(sound) < 2:
-        what = f"{np.sum(~sound)} of {done} runs broke down"
+    root = scenario.seed if seed is None else seed
+    work = EstimatorRuns(scenario, known[method], again)
+    table = run_study(work, manner.asked(runs, root, work.block, "runs"), progress)
+    if not table.whole and len(table) < FEWEST:
+        raise KeyboardInterrupt(f"{len(table)} of {runs} runs had ended")
+    return campaign_of(work, table, root)
+
+
+def campaign_of(work: EstimatorRuns, table: Table, root: int) -> Campaign:
+    """The summary of a campaign's rows. Raises ModelError where fewer than two runs are sound."""
+    columns, names, estimation = table.columns, work.parameters, work.estimation
+    ways = [error or outcome for error, outcome in zip(columns["error"], columns["outcome"], strict=True)]
+    kept = np.array([way == SOUND for way in ways], dtype=bool)
+    failures = dict(Counter(way for way in ways if way != SOUND).most_common())
+    if np.sum(kept) < FEWEST:
+        what = f"{np.sum(~kept)} of {len(kept)} runs broke down ({next(iter(failures), '')})"
         raise ModelError(what, where=f"estimation {estimation.name}", remedy="give it other starting values, or a flight that tells more")
-    values, std = values[:, sound], std[:, sound]
+    values, std = (np.array([columns[f"{kind}{name}"][kept] for name in names]) for kind in (ESTIMATE, SIGMA))
+    reference = {name: work.common.reference[name] for name in names}
+    units = {item.name: item.unit for item in work.common.model.parameters}
     spreads = tuple(_spread(name, units[name], reference[name], values[i], std[i]) for i, name in enumerate(names))
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
-    return Campaign(scenario, estimation, range(first, first + done), names, values, std, int(np.sum(~sound)), spreads, pooled, runs)
-
-
-def _record(scenario: Scenario, estimation: Estimation, record: Record, truth: Truth, seed: int) -> Record:
-    if scenario.flight.process_noise or scenario.flight.feedback:
-        record, truth = fly_scenario(scenario, seed)
-        return measured_again(record, truth, estimation.flown_noise_std, seed) if estimation.flown_noise_std else record
-    if estimation.flown_noise_std:
-        return measured_again(record, truth, estimation.flown_noise_std, seed)
-    return remeasure(record, truth, np.random.default_rng(seed))
-
-
-def _one(estimation: Estimation, records: Sequence[Record], model: Model) -> Piece:
-    """One run by a method that takes one record at a time."""
-    found = estimate_record(estimation, records[0], model).estimate
-    return found.names, np.array([found.values]).T, np.array([found.std]).T, np.array([found.outcome.code == "converged"])
-
-
-def _bank(estimation: Estimation, records: Sequence[Record], model: Model) -> Piece:
-    """Filters of many runs as one batch."""
-    system, settings = compiled(estimation, model), filter_settings(estimation)
-    z = np.stack([each.output_array(system.output_names)[0] for each in records], axis=2)
-    n_x = len(system.states)
-    if math.isinf(estimation.spread):
-        bank = run_bank(records[0], system, settings, z=z)
-        return bank.names[n_x:], bank.mean[n_x:], bank.std[n_x:], bank.sound
-    bank = run_bank(records[0], system, replace(settings, passes=1), z=z)
-    return bank.names[n_x:], *_narrowed_passes(estimation, records[0], system, bank, z)
-
-
-def _narrowed_passes(
-    estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means, sigmas and soundness after further passes, each run started and narrowed by its own result, as `studies.estimating` does."""
-    settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
-    declared = np.array([*(item.prior_std for item in system.initial), *(system.parameters[name].prior_std for name in bank.names[n_x:])])
-    first = np.array(system.initial.values())
-    mean, std, sound = bank.mean[n_x:].copy(), bank.std[n_x:].copy(), bank.sound.copy()
-    active = np.flatnonzero(sound)
-    for _ in range(1, estimation.passes):
-        if active.size == 0:
-            break
-        prior = np.repeat(declared[:, None], active.size, axis=1)
-        prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std[:, active])
-        start = np.concatenate([np.repeat(first[:, None], active.size, axis=1), mean[:, active]])
-        covariance = prior.T[:, :, None] ** 2 * np.eye(len(declared))
-        again = run_bank(record, system, settings, z=z[:, :, active], start=start, covariance=covariance)
-        moved = np.max(np.abs(again.mean[n_x:] - mean[:, active]) / std[:, active], axis=0, initial=0.0)
-        mean[:, active], std[:, active], sound[active] = again.mean[n_x:], again.std[n_x:], again.sound
-        active = active[again.sound & (moved >= SETTLED)]
-    return mean, std, sound
+    nees, nis, degrees = (columns[name][kept].astype(float) for name in ("nees", "nis", "degrees"))
+    seeds = columns["seed"]
+    return Campaign(
+        work.seen, estimation, root, seeds, names, values, std, kept, spreads, pooled, table.asked, nees, nis, degrees.astype(int), failures
+    )
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:

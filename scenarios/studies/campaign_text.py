@@ -28,7 +28,7 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     """A summary, the table of all parameters, and how many runs broke down."""
     terminal = out or console()
     seeds = campaign.seeds
-    title = f"{campaign.scenario.name}: {len(seeds)} runs, seeds {seeds[0]} to {seeds[-1]}, {campaign.estimation.label}"
+    title = f"{campaign.scenario.name}: {len(seeds)} runs from seed {campaign.root}, {campaign.estimation.label}"
     spreads = tuple(_shown(s) for s in (*campaign.spreads, campaign.pooled))
     sizes = [
         Column("parameter", [s.name for s in spreads], left=True),
@@ -49,7 +49,13 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
     if campaign.broken:
-        terminal.print(f"{campaign.broken} of {len(seeds)} runs broke down and are left out")
+        terminal.print(broken_words(campaign))
+
+
+def broken_words(campaign: Campaign) -> str:
+    """How many runs are left out, and by what they ended."""
+    why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
+    return f"{campaign.broken} of {len(campaign.seeds)} runs broke down and are left out ({why})"
 
 
 def _shown(s: Spread) -> Spread:
@@ -64,9 +70,10 @@ def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([column for name in campaign.names for column in (name, f"std_{name}")])
-        for value, std in zip(campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
-            writer.writerow([repr(cell) for pair in zip(value, std, strict=True) for cell in pair])
+        writer.writerow(["seed", *(column for name in campaign.names for column in (name, f"std_{name}"))])
+        sound = campaign.seeds[campaign.kept].tolist()
+        for seed, value, std in zip(sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
+            writer.writerow([seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)])
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
         drawn: tuple[Drawn, ...] = ()
         if figures:
@@ -79,10 +86,11 @@ def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,
             "method": campaign.estimation.name,
-            "first_seed": campaign.seeds[0],
+            "seed": campaign.root,
             "runs": len(campaign.seeds),
             **({"asked": campaign.asked} if campaign.asked > len(campaign.seeds) else {}),
             "broken": campaign.broken,
+            **({"failures": dict(campaign.failures)} if campaign.failures else {}),
             "parameters": {s.name: _spread(s) for s in campaign.spreads},
             "pooled": {
                 "within_one_sigma": campaign.pooled.within_one,

@@ -11,9 +11,10 @@ from scenarios.tasks.work import Ended, Work
 
 Columns = dict[str, np.ndarray]
 
-KINDS: Mapping[str, type] = {"float": float, "int": int, "bool": bool, "text": str}
-OWN: Mapping[str, str] = {"number": "int", "seed": "int", "error": "text", "passing": "bool", "seconds": "float"}  # of every work
-SHOWN = ("number", "seed", "error")  # of them, what a table begins with; the others differ from run to run
+KINDS: Mapping[str, type] = {"float": float, "time": float, "int": int, "bool": bool, "text": str}
+FLOATS = ("float", "time")
+OWN: Mapping[str, str] = {"number": "int", "seed": "int", "error": "text", "passing": "bool", "seconds": "time"}  # of every work
+SHOWN = ("number", "seed", "error")  # of them, what a table begins with
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,13 +22,13 @@ class Table:
     """Rows of the tasks that have ended, in the order of their numbers.
 
     ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where there is a row); cells of tasks without a row
-    are None, NaN in columns of floats. ``asked`` : how many tasks there were to be. ``seconds`` ``(N,)`` : wall time of each task, which
-    no two runs have in common.
+    are None, NaN in columns of floats. ``asked`` : how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and
+    the work's columns of type ``time``, which no two runs have in common.
     """
 
     columns: Mapping[str, np.ndarray]
     asked: int
-    seconds: np.ndarray
+    times: Mapping[str, np.ndarray]
 
     def __len__(self) -> int:
         return len(self.columns["number"])
@@ -74,7 +75,7 @@ def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
 
 def array_of(cells: Iterable[object], kind: str) -> np.ndarray:
     """One column: floats as floats, all else as objects of Python's own types."""
-    if kind == "float":
+    if kind in FLOATS:
         return np.array([np.nan if cell is None else cell for cell in cells], dtype=float)
     column = [None if cell is None else KINDS[kind](cell) for cell in cells]
     array = np.empty(len(column), dtype=object)
@@ -101,8 +102,9 @@ def in_order(columns: Columns, count: int) -> Columns:
 
 def table_of(work: Work, columns: Columns, asked: int) -> Table:
     """The table of rows that are in order."""
-    typed = {name: columns[name].astype(np.int64) if name in ("number", "seed") else columns[name] for name in (*SHOWN, *work.columns)}
-    return Table(typed, asked, columns["seconds"])
+    times = {name: columns[name] for name, kind in all_columns(work).items() if kind == "time"}
+    shown = [name for name in (*SHOWN, *work.columns) if name not in times]
+    return Table({name: columns[name].astype(np.int64) if name in ("number", "seed") else columns[name] for name in shown}, asked, times)
 
 
 def _wrong(work: Work, each: Ended) -> str:
@@ -112,8 +114,8 @@ def _wrong(work: Work, each: Ended) -> str:
         return f"its row has the columns {', '.join(sorted(each.row))} and not those declared"
     for name, kind in work.columns.items():
         cell = each.row[name]
-        if cell is None or (kind == "float" and isinstance(cell, int | float | np.floating | np.integer)):
+        if cell is None or (kind in FLOATS and isinstance(cell, int | float | np.floating | np.integer)):
             continue
-        if not isinstance(cell, {"int": int | np.integer, "bool": bool | np.bool_, "text": str, "float": float}[kind]):
+        if not isinstance(cell, {"int": int | np.integer, "bool": bool | np.bool_, "text": str, "float": float, "time": float}[kind]):
             return f"column {name} has {cell!r} and no {kind}"
     return ""

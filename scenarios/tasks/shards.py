@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scenarios.tasks.manifest import flush_folder
-from scenarios.tasks.rows import Columns, all_columns, array_of, columns_of, in_order, joined
+from scenarios.tasks.rows import FLOATS, Columns, all_columns, array_of, columns_of, in_order, joined
 from scenarios.tasks.work import Ended, Work
 from sim.errors import FlightidError
 
@@ -112,7 +112,7 @@ class Shards:
         import pyarrow.parquet as pq
 
         kinds = all_columns(self.work)
-        cells = {name: columns[name] if kind == "float" else columns[name].tolist() for name, kind in kinds.items()}
+        cells = {name: columns[name] if kind in FLOATS else columns[name].tolist() for name, kind in kinds.items()}
         text = io.BytesIO()
         pq.write_table(pa.table(cells, schema=self._schema()), text, compression="zstd", write_page_checksum=True)
         last = max((int(path.stem.split("-")[1]) for path in self.folder.glob("rows-*")), default=-1)
@@ -131,12 +131,12 @@ class Shards:
     def _schema(self) -> pa.Schema:
         import pyarrow as pa
 
-        types = {"float": pa.float64(), "int": pa.int64(), "bool": pa.bool_(), "text": pa.string()}
+        types = {"float": pa.float64(), "time": pa.float64(), "int": pa.int64(), "bool": pa.bool_(), "text": pa.string()}
         return pa.schema([pa.field(name, types[kind]) for name, kind in all_columns(self.work).items()])
 
 
 def _read(column: pa.ChunkedArray, kind: str) -> np.ndarray:
-    return np.array(column.to_numpy(), dtype=float) if kind == "float" else array_of(column.to_pylist(), kind)
+    return np.array(column.to_numpy(), dtype=float) if kind in FLOATS else array_of(column.to_pylist(), kind)
 
 
 def missing(columns: Columns, count: int) -> np.ndarray:

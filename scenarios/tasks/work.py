@@ -39,7 +39,8 @@ class Ended:
 class Work(Protocol):
     """A study of independent tasks. It is pickled once and sent to each worker, so it holds data and names, no open files and no functions.
 
-    ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``; a cell may be None.
+    ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``, or ``"time"`` for seconds that something took and
+    that no other run has to equal; a cell may be None.
     ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin at multiples of it, so that no task's row
     depends on how many are asked for, or on who works. Work may have ``quick`` True: a block takes less time than starting a process.
     """

@@ -66,9 +66,8 @@ class _Flight:
     bound: Callable[[tuple[str, ...], Mapping[str, float]], Mapping[str, float]]
 
 
-def clean_flight(seed: int) -> CleanRun:
-    """Fly and diagnose one record with nothing hidden, another held out; the model goes by the seed, and all but the time depends on it alone."""
-    model = MODELS[seed % len(MODELS)]
+def clean_flight(seed: int, model: str) -> CleanRun:
+    """Fly and diagnose one record of a ``model`` with nothing hidden, another held out; all but the time depends on these alone."""
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
         flight = _paper(model, seed, Path(name)) if model not in FLOWN else _scenario(model, seed, Path(name))
         started = process_time()

@@ -67,13 +67,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Alarm:
-    """One clean record: its seed, the verdict, and the effects claimed."""
+    """One clean record: its seed, the verdict, the effects claimed, and the label of the setting in which it was flown."""
 
     seed: int
     aircraft: str
     verdict: str
     claimed: tuple[str, ...]
     seconds: float
+    setting: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def clean_run(setting: Setting, seed: int) -> Alarm:
     rng = np.random.default_rng((seed, 1))
     name, model = drawn_aircraft(rng)
     diagnosis, seconds = traced(model, model, setting, rng)
-    return Alarm(seed, name, diagnosis.verdict.value, _claimed(diagnosis), seconds)
+    return Alarm(seed, name, diagnosis.verdict.value, _claimed(diagnosis), seconds, setting.label)
 
 
 def weak_run(setting: Setting, effect: str, gain: float, seed: int) -> Detection:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.statistics.shares import clopper_pearson
-from scenarios.trials.clean import clean_flight
+from scenarios.trials.clean import MODELS, clean_flight
 from scenarios.trials.detection import SETTINGS, WEAK, Finding, clean_run, weak_run, weak_setting
 from scenarios.trials.papers.examination import examine
 from scenarios.trials.papers.summary import summary
@@ -29,7 +29,7 @@ def test_false_claims_on_clean_records_are_rare() -> None:
 @pytest.mark.slow
 def test_clean_records_of_every_model_and_their_sigmas() -> None:
     """No more than one in a hundred claimed falsely, 93 to 97 % of derivatives within two sigmas, sigmas at the bound: none of it is excluded."""
-    runs = [clean_flight(seed) for seed in range(CLEAN_RUNS)]
+    runs = [clean_flight(seed, MODELS[seed % len(MODELS)]) for seed in range(CLEAN_RUNS)]
     claims = [run for run in runs if run.claimed]
     assert clopper_pearson(len(claims), CLEAN_RUNS)[0] < 0.01, claims
     within = share_within_flights([abs(error) <= 2.0 for error in run.errors.values()] for run in runs)

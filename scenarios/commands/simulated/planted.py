@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 from scenarios.files.declarations import named_after
 
 if TYPE_CHECKING:
+    from scenarios.tasks.manner import Manner
     from scenarios.trials.planted.declaration import TraceScenario
     from scenarios.trials.planted.own_flight import OwnFlight
 
@@ -32,26 +32,26 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
     return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
 
 
-def trace_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
-    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
+def trace_campaign(name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], progress: bool = True) -> None:
+    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``manner.out``."""
     from scenarios.studies.catalogue import scenario_file
+    from scenarios.tasks.manner import stopped
     from scenarios.terminal.progress import progress_bar
     from scenarios.terminal.summary import written_to
-    from scenarios.trials.planted.campaign import fly_trace_campaign, named_scenario
+    from scenarios.trials.planted.campaign import named_scenario, trace_flights
     from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
     from scenarios.trials.planted.page import campaign_page
-    from scenarios.trials.stopping import flown, stopped_after
+    from scenarios.trials.repeated import fly_all
 
-    scenario = named_scenario(name, tuple(changes))
-    first = scenario.seed if seed is None else seed
-    seeds = range(first, first + runs)
+    scenario, out = named_scenario(name, tuple(changes)), manner.out
     with named_after(scenario_file(name)), progress_bar(progress) as tell:
-        done = flown(lambda: fly_trace_campaign(name, changes, seeds, tell, os.cpu_count() or 1), seeds)
-    with stopped_after(len(done.seeds), runs, out):
-        print(trace_campaign_text(scenario, done.found, done.words), end="")
-        if out is not None:
-            write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done.found, done.words))
-            print(written_to(out))
+        done = fly_all(trace_flights(name, changes), runs, scenario.seed if seed is None else seed, manner, tell)
+    print(trace_campaign_text(scenario, done.found, done.words), end="")
+    if out is not None:
+        write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done))
+        print(written_to(out))
+    if not done.whole:
+        raise stopped(done.ended, done.asked, "flights", out)
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scenarios.files.declarations import named_after
+
+if TYPE_CHECKING:
+    from scenarios.tasks.manner import Manner
 
 
 def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
@@ -31,24 +34,25 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     return [*written, vehicle]
 
 
-def standin_campaign(name: str, runs: int, seed: int | None, out: Path | None, changes: Sequence[str], progress: bool = True) -> None:
-    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``out``."""
+def standin_campaign(name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], progress: bool = True) -> None:
+    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``manner.out``."""
     from scenarios.studies.catalogue import load_document, scenario_file
+    from scenarios.tasks.manner import stopped
     from scenarios.terminal.paragraphs import terminal_width
     from scenarios.terminal.progress import progress_bar
     from scenarios.terminal.summary import details_in, written_to
-    from scenarios.trials.standin.campaign import fly_standin_campaign
+    from scenarios.trials.repeated import fly_all
+    from scenarios.trials.standin.campaign import standin_flights
     from scenarios.trials.standin.campaign_text import campaign_text, write_campaign
     from scenarios.trials.standin.page import campaign_page
     from scenarios.trials.standin.schema import standin_of
-    from scenarios.trials.stopping import flown, stopped_after
 
-    standin = standin_of(*load_document(name, changes))
-    first = standin.seed if seed is None else seed
+    standin, out = standin_of(*load_document(name, changes)), manner.out
     with named_after(scenario_file(name)), progress_bar(progress) as tell:
-        done = flown(lambda: fly_standin_campaign(standin, runs, first, tell, os.cpu_count() or 1), range(first, first + runs))
-    with stopped_after(len(done.seeds), runs, out):
-        print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out)), end="")
-        if out is not None:
-            write_campaign(standin, done.found, out, done.content, campaign_page(standin, done.found, done.words))
-            print(written_to(out))
+        done = fly_all(standin_flights(standin), runs, standin.seed if seed is None else seed, manner, tell)
+    print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out)), end="")
+    if out is not None:
+        write_campaign(standin, done.found, out, done.content, campaign_page(standin, done))
+        print(written_to(out))
+    if not done.whole:
+        raise stopped(done.ended, done.asked, "flights", out)

@@ -25,9 +25,10 @@ def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
     share += f"{100 * TWO_SIGMA:.1f} % expected)"
     worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
     bias = f"largest bias: {worst.name}, {abs(worst.bias) / worst.scatter:.2f} of its scatter" if worst.scatter > 0.0 else ""
-    broken = f"{campaign.broken} of {len(seeds)} runs broke down and are left out" if campaign.broken else ""
+    why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
+    broken = f"{campaign.broken} of {len(seeds)} runs broke down and are left out ({why})" if campaign.broken else ""
     files = [("model", file.name, file.sha256) for file in scenario.files]
-    command = ["flightid", "campaign", scenario.name, "--runs", str(len(seeds)), "--seed", str(seeds[0]), "--method", campaign.estimation.name]
+    command = ["flightid", "campaign", scenario.name, "--runs", str(len(seeds)), "--seed", str(campaign.root), "--method", campaign.estimation.name]
     return Page(
         title=f"{capital(scenario.title)}: {len(seeds)} runs",
         kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
@@ -44,7 +45,7 @@ def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
                 "How it was made", Prose(f"Truth and model: {scenario.distance}. Each run has a seed of its own; flightid run with it repeats one.")
             ),
         ),
-        reproduction=reproduction(command, f"Seeds {seeds[0]} to {seeds[-1]}.", files),
+        reproduction=reproduction(command, f"The seeds of all runs spring from {campaign.root}; they stand in estimates.csv.", files),
         created=now(),
     )
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.many import of_each_seed
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, TraceStudy, run_trace
+from scenarios.trials.repeated import LoopFlights
 from scenarios.trials.scoring import Share, same_fault, share_of_flights, share_within_flights
 
 SIGMAS = 2.0
@@ -59,15 +62,21 @@ def judged_of(study: TraceStudy) -> TraceJudged:
     )
 
 
-def fly_trace_campaign(
-    name: str, changes: Sequence[str], seeds: range, progress: Callable[[str, float], None] = lambda stage, share: None, workers: int = 1
-) -> tuple[TraceJudged, ...]:
-    """Flights of all seeds of a scenario by its name, shared out among ``workers`` processes; the result does not depend on their number."""
-    return of_each_seed(partial(_judge_named, name, tuple(changes)), seeds, progress, workers)
-
-
-def _judge_named(name: str, changes: tuple[str, ...], seed: int) -> TraceJudged:
+def trace_flights(name: str, changes: Sequence[str] = ()) -> LoopFlights:
+    """Flights of a tracing scenario by its name or the path of its file."""
     # By its name: a user's own model is made of functions, which cannot be handed over to another process.
+    document, short, _ = load_document(name, changes)
+    return LoopFlights(short, partial(_judge_named, name, tuple(changes)), TraceJudged, {"scenario": document, "files": files_of(document)})
+
+
+def files_of(document: Mapping[str, Any]) -> dict[str, str]:
+    """Users' model files that a scenario names, by the hashes of their bytes."""
+    named = [value for table in document.values() if isinstance(table, dict) for value in table.values()]
+    paths = sorted({value for value in (*document.values(), *named) if isinstance(value, str) and value.endswith(".py")})
+    return {path: sha256(Path(path).read_bytes()).hexdigest() for path in paths if Path(path).is_file()}
+
+
+def _judge_named(name: str, changes: tuple[str, ...], number: int, seed: int) -> TraceJudged:
     return judge_trace(named_scenario(name, changes), seed)
 
 

@@ -14,6 +14,7 @@ from scenarios.trials.planted.campaign_text import SHARES, VERDICTS, expected_li
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.study import TraceStudy
 from scenarios.trials.planted.text import EFFECTS, against_truth, effect_rows, scored_sentence, table_title
+from scenarios.trials.repeated import Flown
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
@@ -33,11 +34,12 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     )
 
 
-def campaign_page(scenario: TraceScenario, judged: Sequence[TraceJudged], words: str) -> Page:
-    """The page of a campaign: verdicts and shares with their intervals; ``words`` say which seeds."""
+def campaign_page(scenario: TraceScenario, done: Flown) -> Page:
+    """The page of a campaign: verdicts and shares with their intervals."""
+    judged: Sequence[TraceJudged] = done.found
     shares, false = trace_shares(judged), false_lines(judged)
     right = shares["expected"]
-    command = ("flightid", "campaign", scenario.name, "--runs", str(len(judged)), "--seed", str(judged[0].seed))
+    command = ("flightid", "campaign", scenario.name, "--runs", str(done.ended), "--seed", str(done.root))
     return Page(
         title=f"{capital(scenario.title)}: {len(judged)} flights",
         kind=f"Campaign of {scenario.name}",
@@ -45,11 +47,11 @@ def campaign_page(scenario: TraceScenario, judged: Sequence[TraceJudged], words:
         tone="fair" if false else "good",
         sentence=f"{right.count} of {right.of} flights give the expected answer.",
         summary=(sentence(expected_line(scenario)),),
-        warnings=tuple(map(sentence, false)),
+        warnings=tuple(map(sentence, [*false, *([done.failed] if done.failed else [])])),
         sections=(
             *section("Verdicts", rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged))),
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
         ),
-        reproduction=reproduction(command, sentence(words)),
+        reproduction=reproduction(command, sentence(done.words)),
         created=now(),
     )

@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.trials.many import of_each_seed
+from scenarios.studies.runs.identity import plain
+from scenarios.trials.repeated import LoopFlights
 from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
@@ -87,12 +88,13 @@ def worsened(study: StandInStudy) -> bool:
     return bool(np.mean(changes) > SIGMAS * np.std(changes, ddof=1) / np.sqrt(len(changes)))
 
 
-def fly_standin_campaign(
-    standin: StandIn, runs: int, seed: int | None = None, progress: Progress = lambda stage, share: None, workers: int = 1
-) -> tuple[Judged, ...]:
-    """Flights of seeds one after another, or shared out among ``workers`` processes; the result does not depend on their number."""
-    first = standin.seed if seed is None else seed
-    return of_each_seed(partial(judge_flight, standin), range(first, first + runs), progress, workers)
+def standin_flights(standin: StandIn) -> LoopFlights:
+    """Flights of a stand-in, each diagnosed and judged."""
+    return LoopFlights(standin.name, partial(_judge, standin), Judged, {"standin": plain(standin)})
+
+
+def _judge(standin: StandIn, number: int, seed: int) -> Judged:
+    return judge_flight(standin, seed)
 
 
 def shares(judged: Sequence[Judged]) -> dict[str, Share]:

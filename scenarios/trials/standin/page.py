@@ -9,6 +9,7 @@ from scenarios.pages.model import Bullets, Page, section
 from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
+from scenarios.trials.repeated import Flown
 from scenarios.trials.standin.campaign import Judged, shares
 from scenarios.trials.standin.campaign_text import DERIVATIVES as BY_DERIVATIVE
 from scenarios.trials.standin.campaign_text import EFFECTS, SHARES, TITLE, derivative_rows, effect_rows, false_lines, share_rows, verdict_counts
@@ -31,13 +32,13 @@ def scored_page(study: StandInStudy, page: Page) -> Page:
     )
 
 
-def campaign_page(standin: StandIn, judged: Sequence[Judged], words: str) -> Page:
-    """The page of a campaign: shares with intervals, effect by effect, derivative by derivative; ``words`` say which seeds."""
-    seeds = [flight.seed for flight in judged]
+def campaign_page(standin: StandIn, done: Flown) -> Page:
+    """The page of a campaign: shares with intervals, effect by effect, derivative by derivative."""
+    judged: Sequence[Judged] = done.found
     found, false = shares(judged), false_lines(judged)
     named = found["named"]
     told = f"{named.count} of {named.of} hidden effects are named" if named.of else "nothing is hidden"
-    command = ("flightid", "campaign", standin.name, "--runs", str(len(judged)), "--seed", str(seeds[0]))
+    command = ("flightid", "campaign", standin.name, "--runs", str(done.ended), "--seed", str(done.root))
     return Page(
         title=f"{capital(standin.title)}: {len(judged)} flights",
         kind=f"Campaign of {standin.name}",
@@ -45,12 +46,12 @@ def campaign_page(standin: StandIn, judged: Sequence[Judged], words: str) -> Pag
         tone="fair" if false else "good",
         sentence=sentence(told),
         summary=(sentence(verdict_counts(judged)),),
-        warnings=tuple(map(sentence, false)),
+        warnings=tuple(map(sentence, [*false, *([done.failed] if done.failed else [])])),
         sections=(
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
             *section("Effect by effect", rows_table("Hidden effects", EFFECTS, effect_rows(judged))),
             *section("Derivative by derivative", rows_table(capital(TITLE), BY_DERIVATIVE, derivative_rows(judged))),
         ),
-        reproduction=reproduction(command, sentence(words)),
+        reproduction=reproduction(command, sentence(done.words)),
         created=now(),
     )

@@ -11,8 +11,10 @@ from ident.tracing.diagnosis import Verdict
 from scenarios.files.records import read_record
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.catalogue import load_document
+from scenarios.tasks.manner import Manner
+from scenarios.trials.repeated import fly_all
 from scenarios.trials.standin import study
-from scenarios.trials.standin.campaign import fly_standin_campaign, shares
+from scenarios.trials.standin.campaign import shares, standin_flights
 from scenarios.trials.standin.schema import standin_of
 from sim.record import Hold
 from tests.diagnoses import tracing_of
@@ -63,7 +65,7 @@ def test_campaign_prints_shares_with_intervals(flightid: CommandLine, tmp_path: 
 @pytest.mark.parametrize("name", ["standin-none", "standin-one"])
 def test_campaign_of_the_loop(name: str) -> None:
     """What is asked of the loop on data that look measured, as far as so many flights can contradict it: an interval that excludes it fails."""
-    found = shares(fly_standin_campaign(standin_of(*load_document(name)), 12, 500))
+    found = shares(fly_all(standin_flights(standin_of(*load_document(name))), 12, 500, Manner(None)).found)
     assert found["false_claims"].interval[0] <= 0.05
     assert found["held_out_worse"].interval[0] <= 0.05
     assert found["named"].interval[1] >= 0.9

@@ -6,7 +6,6 @@ import contextlib
 import csv
 import io
 import json
-import os
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,10 +14,9 @@ from typing import Any
 import pytest
 
 from ident.tracing.loop import diagnose
-from scenarios.api.running import LOOP
 from scenarios.cli import app, main
 from scenarios.cli.application import COMMANDS
-from scenarios.cli.completion import LOOP_CAMPAIGNS, METHOD_NAMES
+from scenarios.cli.completion import METHOD_NAMES
 from scenarios.cli.examples import EXAMPLES
 from scenarios.cli.telling import Told, telling
 from scenarios.commands.run import documents_of
@@ -66,7 +64,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.setattr(on_files, "_loop", lambda: one_candidate)
         patch.setattr(on_files, "_witness", lambda *_: KinematicWitness(None))
         patch.setattr(campaign, "judge_trace", named_at_once)
-        patch.setattr(os, "cpu_count", lambda: 1)
+        patch.setattr("scenarios.tasks.manner.available_cores", lambda: 1)
         for line in [line for examples in EXAMPLES.values() for line, _ in examples]:
             assert typed(line)[::2] == (0, ""), line
         yield Path.cwd()
@@ -98,7 +96,7 @@ def test_help_lists_the_commands_by_group(flightid: CommandLine) -> None:
 
 
 def test_what_the_help_names_without_loading_it_is_what_there_is() -> None:
-    assert {*METHOD_NAMES} == {*METHODS} and LOOP_CAMPAIGNS == LOOP
+    assert {*METHOD_NAMES} == {*METHODS}
 
 
 def test_the_examples_run(folder: Path) -> None:

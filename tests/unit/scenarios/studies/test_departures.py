@@ -76,7 +76,7 @@ def test_a_method_sees_its_own_flight_and_the_others_the_scenarios() -> None:
 def test_a_campaign_repeats_the_method_that_is_named_on_its_own_flight() -> None:
     scenario = scenario_of(short(integration="euler", step="0.05 s"), "short", "short.toml")
     runs = fly_campaign(scenario, 2, 5, "other")
-    method = run_scenario(scenario, 5).methods[1]
+    method = run_scenario(scenario, int(runs.seeds[0])).methods[1]
     assert runs.estimation.name == "other" and runs.scenario.flight.integration == "euler"
     assert runs.values[:, 0] == pytest.approx(method.result.estimate.values, rel=1e-9)
 

@@ -63,7 +63,7 @@ def test_a_study_is_resumed_raised_and_cut(whole: Table, tmp_path: Path) -> None
     for count in (1, 11, 19, COUNT, COUNT, 12):
         kept = dataclasses.replace(ASKED, count=count, folder=tmp_path, resume=count > 1)
         table = run_study(Toy(), kept)
-        assert len(table) == count and same(table, Table({n: c[:count] for n, c in whole.columns.items()}, count, table.seconds))
+        assert len(table) == count and same(table, Table({n: c[:count] for n, c in whole.columns.items()}, count, table.times))
     assert json.loads((tmp_path / "manifest.json").read_text())["count"] == COUNT
 
 

@@ -15,9 +15,12 @@ from scipy.stats import binom
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.studies.catalogue import load_document, load_scenario
+from scenarios.tasks.manner import Manner
+from scenarios.tasks.work import seed_of
+from scenarios.trials.repeated import fly_all
 from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
 from scenarios.trials.standin import campaign, schema, study
-from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, fly_standin_campaign, shares, worsened
+from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares, standin_flights, worsened
 from scenarios.trials.standin.campaign_text import campaign_text
 from scenarios.trials.standin.declaration import Causes
 from scenarios.trials.standin.flights.drawing import Dominant, draw, hiding
@@ -153,24 +156,27 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     from scenarios.trials.standin.campaign_text import write_campaign
 
     monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
-    judged = fly_standin_campaign(replace(short(EVERY, step=0.02), draws=2), 2, 7)
-    assert [flown.seed for flown in judged] == [7, 8]
+    done = fly_all(standin_flights(replace(short(EVERY, step=0.02), draws=2)), 2, 7, Manner())
+    judged = done.found
+    seeds = [seed_of(7, number) for number in range(2)]
+    assert [flown.seed for flown in judged] == seeds
     assert all(set(flown.errors) == set(RIGID.derivatives) for flown in judged)
-    text = campaign_text(short(EVERY), judged, "seeds 7 to 8")
-    assert "2 flights, seeds 7 to 8" in text and "2 of 2" in text
-    assert "seed 7: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
-    write_campaign(short(EVERY), judged, tmp_path / "c", {"first_seed": 7, "runs": 2}, campaign_page(short(EVERY), judged, "seeds 7 to 8"))
+    text = campaign_text(short(EVERY), judged, done.words)
+    assert "2 flights, seeds from 7" in text and "2 of 2" in text
+    assert f"seed {seeds[0]}: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
+    write_campaign(short(EVERY), judged, tmp_path / "c", done.content, campaign_page(short(EVERY), done))
     assert (tmp_path / "c" / "campaign.json").is_file()
     row = next(csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines()))
-    assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == ("7", "partial", "", "sensor-lag:alpha + sensor-scale:nz")
+    assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == (str(seeds[0]), "partial", "", "sensor-lag:alpha + sensor-scale:nz")
     assert row["said"].startswith("sensor-lag:alpha")
 
 
-def test_a_campaign_shared_out_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_goes_on_and_gives_the_same(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(study, "diagnosed", lambda records, vehicle, model, progress: tracing_of(Verdict.PARTIAL))
     flown, told = replace(short(EVERY, step=0.02), draws=0), []
-    shared_out = fly_standin_campaign(flown, 3, 7, lambda stage, share: told.append(share), workers=2)
-    assert shared_out == fly_standin_campaign(flown, 3, 7)
+    kept = fly_all(standin_flights(flown), 2, 7, Manner(1, tmp_path), lambda stage, share: told.append(share))
+    more = fly_all(standin_flights(flown), 3, 7, Manner(1, tmp_path, resume=True))
+    assert more == fly_all(standin_flights(flown), 3, 7, Manner()) and more.found[:2] == kept.found
     assert told == sorted(told) and told[-1] == 1.0
 
 
