@@ -34,7 +34,7 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Study:
 
 
 def campaign(asked: tuple[str, ...], runs: int = 200) -> Campaign:
-    """The same fall measured again and again, seeds 1 to ``runs``."""
+    """The same fall measured again and again, ``runs`` times from seed 1."""
     return repeated(SCENARIO, asked, runs, 1)
 
 

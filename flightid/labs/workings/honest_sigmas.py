@@ -39,7 +39,7 @@ def changes(believed: float = 1.0, acting: float = 0.0, told: float = 0.0, metho
 
 
 def campaign(asked: tuple[str, ...], runs: int = 50) -> Campaign:
-    """The flight with seeds 1 to ``runs``."""
+    """The flight ``runs`` times, from seed 1."""
     return repeated(SCENARIO, asked, runs, 1)
 
 
