@@ -80,6 +80,7 @@ def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
         p_null.append(null.p_value)
     assert 0.85 < np.std(off) < 1.2
     assert np.mean(np.array(p_null) < 0.05) < 0.1
+    assert found is not None
     line, band = found.band(np.array([found.middle]))
     assert line[0] == pytest.approx(found.at_middle)
     assert band[0] == pytest.approx(found.at_middle_sigma)
