@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, stdtrit
 
 CERTAIN = 0.95  # of an interval that a common value states
@@ -56,6 +55,8 @@ def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
 
 def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) -> float:
     """The standard deviation between flights about ``design (n, c)`` times its coefficients, by restricted likelihood; zero where none shows."""
+    from scipy.optimize import minimize_scalar
+
     if len(values) <= design.shape[1]:
         return 0.0
     largest = float(np.std(values) + np.sqrt(np.mean((values - values.mean()) ** 2 + sigmas**2)))
