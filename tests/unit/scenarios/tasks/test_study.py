@@ -23,7 +23,7 @@ from scenarios.tasks.rows import Table
 from scenarios.tasks.study import Asked, run_study
 from scenarios.tasks.work import tasks_of
 from sim.errors import FlightidError
-from tests.unit.scenarios.tasks.toy import Threads, Toy, row_of
+from tests.unit.scenarios.tasks.toy import Toy, row_of
 
 COUNT = 30
 ASKED = Asked(COUNT, 7)
