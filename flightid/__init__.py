@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from scenarios.api.check import Check, check
     from scenarios.api.diagnosis import Diagnosis, diagnose
     from scenarios.api.errors import InputError
+    from scenarios.api.fleets.survey import Survey, survey
     from scenarios.api.identification import Identification, identify
     from scenarios.api.libraries import effects, models, scenarios, vehicles
     from scenarios.api.planning.design import Design, design
@@ -47,6 +48,7 @@ _EXPORTS = {
     **dict.fromkeys(("Prediction", "predict"), "prediction"),
     **dict.fromkeys(("Record", "read_record"), "records.record"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
+    **dict.fromkeys(("Survey", "survey"), "fleets.survey"),
     "Table": "shown.table",
     **dict.fromkeys(("Vehicle", "vehicle"), "vehicle"),
 }
@@ -63,6 +65,7 @@ __all__ = [
     "Prediction",
     "Record",
     "Study",
+    "Survey",
     "Table",
     "Vehicle",
     "__version__",
@@ -80,6 +83,7 @@ __all__ = [
     "run",
     "scenarios",
     "simulate",
+    "survey",
     "vehicle",
     "vehicles",
 ]

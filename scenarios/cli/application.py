@@ -19,13 +19,14 @@ from scenarios.cli.declared.predict import predict
 from scenarios.cli.declared.report import report
 from scenarios.cli.declared.run import run
 from scenarios.cli.declared.simulate import simulate
+from scenarios.cli.declared.survey import survey
 from scenarios.cli.declared.watch import watch
 from scenarios.cli.helping import GroupedCommands, WithExamples
 
 # The commands by group: a further one is a file in `declared` and its name here.
 COMMANDS: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "Studies": (run, compare, simulate, campaign, design, report),
-    "Measured data": (identify, diagnose, predict, check, watch),
+    "Measured data": (identify, diagnose, predict, check, survey, watch),
     "Libraries": (list_, models, vehicles, effects),
     "Teaching": (lab,),
 }

@@ -50,6 +50,10 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     ),
     "report": (("flightid report study edited", "the pages of study folders again, with nothing computed"),),
     "check": (("flightid check flight.csv --vehicle flight_vehicle.toml", "what the kinematics alone say of the sensors"),),
+    "survey": (
+        ("flightid survey --example > flights.toml", "the file of a survey, to copy and edit"),
+        ("flightid survey flights.toml --out morning", "each flight diagnosed and kept, then what recurs; again after each new flight"),
+    ),
     "watch": (
         ("flightid simulate x29-simulation --out stream.csv", "a record of the closed loop, which stands for a stream"),
         ("flightid watch stream.csv --model loes --until-end --no-refine", "identified row by row"),

@@ -5,27 +5,32 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import multiprocessing
+import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext, ForkServerProcess
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pebble import ProcessExpired, ProcessPool
 from threadpoolctl import threadpool_limits
 
 from scenarios.tasks.running import failed_by_circumstance, run_block
 from scenarios.tasks.work import Ended, Task, Work
+from sim.errors import FlightidError
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
-AHEAD = 2  # blocks that wait for each process, so that none is idle while this one writes
+LOOK = 0.5  # s between looks whether all processes live
 LIVES = 2  # processes that may die over one block, before it is given up
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _PARENT_DIES = 1  # PR_SET_PDEATHSIG of Linux
+_STARTING = threading.Lock()  # a pool starts the successor of a dead process from a thread of its own
 
 
 class _Process(ForkServerProcess):
@@ -33,6 +38,11 @@ class _Process(ForkServerProcess):
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> Any:
+        with _STARTING:
+            return _Process._started(process_obj)
+
+    @staticmethod
+    def _started(process_obj: BaseProcess) -> Any:
         main = sys.modules["__main__"]
         hidden = {name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)}
         try:
@@ -55,33 +65,81 @@ def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, lo
     A process that dies takes no study with it: its block is given to another, once.
     """
     _start_server(type(work).__module__)
-    pool = ProcessPool(max_workers=min(jobs, len(blocks)), initializer=_begin, initargs=(work,), context=_Context())
-    waiting: dict[Future[list[Ended]], tuple[int, int]] = {}  # the block, and which of its lives it is
+    pools: list[ProcessPool] = []
+    idle: list[ProcessPool] = []
+    waiting: dict[Future[list[Ended]], _Given] = {}
+
+    def another() -> ProcessPool:
+        # One process each: those of one pool share a pipe and its locks, and one that dies at the wrong moment stops the others.
+        pools.append(ProcessPool(max_workers=1, initializer=_begin, initargs=(work,), context=_Context()))
+        return pools[-1]
 
     def give(at: int, life: int) -> None:
-        waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = at, life
+        while idle:
+            pool = idle.pop()
+            with contextlib.suppress(RuntimeError):  # it died while it had nothing to do
+                waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _Given(at, life, pool)
+                return
+            _end(pools, pool)
+        pool = another()
+        try:
+            waiting[pool.schedule(_run, args=(list(blocks[at]),), timeout=longest)] = _Given(at, life, pool)
+        except BrokenProcessPool:
+            raise FlightidError("no process can be started", where="--jobs", remedy="ask for fewer, or close what takes memory") from None
 
     given = 0
     try:
         while given < len(blocks) or waiting:
-            while given < len(blocks) and len(waiting) < AHEAD * jobs:
+            while given < len(blocks) and len(waiting) < jobs:
                 give(given, 1)
                 given += 1
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                at, life = waiting.pop(future)
+            done = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+            for future in done | {each for each, to in waiting.items() if not to.pool.active}:
+                to = waiting.pop(future)
                 try:
-                    ended = future.result()
+                    ended = _result(future)
+                    idle.append(to.pool)
                 except TimeoutError:
-                    ended = failed_by_circumstance(blocks[at], f"ended after {longest:g} s, the time that it was given", float(longest or 0.0))
-                except ProcessExpired as error:
-                    if life < LIVES:
-                        give(at, life + 1)
+                    _end(pools, to.pool)
+                    ended = failed_by_circumstance(blocks[to.at], f"ended after {longest:g} s, the time that it was given", float(longest or 0.0))
+                except BrokenProcessPool as error:
+                    _end(pools, to.pool)
+                    if to.life < LIVES:
+                        give(to.at, to.life + 1)
                         continue
-                    ended = failed_by_circumstance(blocks[at], f"{life} processes died over it, the last with exit code {error.exitcode}")
+                    ended = failed_by_circumstance(blocks[to.at], f"{to.life} processes died over it{error}")
                 yield ended
     finally:
+        _end(pools, *pools)
+
+
+class _Given(NamedTuple):
+    """A block, which of its lives it is, and who has it."""
+
+    at: int
+    life: int
+    pool: ProcessPool
+
+
+def _result(future: Future[list[Ended]]) -> list[Ended]:
+    """What came of a block. Raises TimeoutError, and BrokenProcessPool where its process died."""
+    try:
+        if not wait([future], timeout=LOOK).done:
+            raise BrokenProcessPool("")
+        return future.result()
+    except ProcessExpired as error:
+        raise BrokenProcessPool(f", the last with exit code {error.exitcode}") from None
+    except BrokenProcessPool:
+        raise BrokenProcessPool("") from None
+
+
+def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
+    """End the processes of some pools at once, whatever they do."""
+    for pool in ending:
         pool.stop()
+    for pool in ending:
         pool.join()
+        pools.remove(pool)
 
 
 def _start_server(module: str) -> None:
@@ -115,7 +173,8 @@ def _begin(work: Work) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # at once, also out of a long call of native code
     with contextlib.suppress(OSError, AttributeError):  # elsewhere than on Linux, a worker ends after its block
         ctypes.CDLL(None).prctl(_PARENT_DIES, signal.SIGKILL)
-    threadpool_limits(1)
+    threadpool_limits(1)  # of what is loaded; what is loaded later reads the environment
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     _given = work
 
 

@@ -97,18 +97,18 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
 
 
 def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[Ended]], None], tell: Tell) -> None:
-    """Run the tasks of ``numbers``; Ctrl-C ends it."""
+    """Run the tasks of ``numbers``; Ctrl-C ends it. The share that is told is that of them, so that the time that is left follows from it."""
     grouped = np.split(numbers, np.flatnonzero(np.diff(numbers // work.block)) + 1) if len(numbers) else []
     before = asked.count - len(numbers)
     done, since = 0, time.monotonic()
-    tell(_stage(before, asked, 0.0), before / asked.count)
+    tell(_stage(before, asked, 0.0), 0.0)
     ways = _by_cluster if asked.cluster else _here
     found = ways(work, Blocks(asked.root, grouped), asked)
     try:
         for ended in found:
             keep(ended)
             done += len(ended)
-            tell(_stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)), (before + done) / asked.count)
+            tell(_stage(before + done, asked, done / max(time.monotonic() - since, 1e-9)), done / len(numbers))
     except KeyboardInterrupt:
         if before + done == 0:
             raise KeyboardInterrupt(f"none of {asked.count} {asked.unit} had ended") from None

@@ -35,6 +35,8 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compared_responses": "Outputs of all studies over time",
         "campaign": "Errors of all runs in their own sigmas, and the share of intervals that hold the reference",
         "maneuvers": "Inputs and expected responses of every maneuver, the best first, with the limits",
+        "effects": "Which flight has which effect: filled, has it; grey, not told; open, has it not",
+        "shared": "What each flight says of a shared value by itself, and the common value",
         "watched": "Parameters while the stream arrived",
     }
 )

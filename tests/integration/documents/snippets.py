@@ -40,7 +40,10 @@ NOT_RUN: dict[tuple[str, str], str] = {
 MOST_NOT_RUN = 12  # more are a sign that pages show what nobody can follow
 
 # Pages whose commands take long: they run with `-m slow`, and what stands here is tested otherwise by default.
-SLOW = {"docs/how-to/own-effect.md": "tests/contracts/test_new_effect.py takes the page's effect through the whole loop"}
+SLOW = {
+    "docs/how-to/survey.md": "tests/unit/scenarios/survey surveys a smaller fleet",
+    "docs/how-to/own-effect.md": "tests/contracts/test_new_effect.py takes the page's effect through the whole loop",
+}
 
 
 def name_of(path: Path) -> str:

@@ -105,6 +105,14 @@ def test_a_process_of_it_is_killed(moment: int, tmp_path: Path, whole: Table) ->
     assert same(_resumed(tmp_path / "kept"), whole)
 
 
+@pytest.mark.parametrize("round_", range(MOMENTS))
+def test_processes_die_as_soon_as_they_begin(round_: int) -> None:
+    """Before anyone has read that they took the block: none is lost, none waits for ever, none but theirs is given up."""
+    table = run_study(dataclasses.replace(WORK, pause=0.0, killing=tuple(range(round_, 80, 12))), dataclasses.replace(ASKED, count=80, jobs=3))
+    hit = {number // WORK.block for number in range(round_, 80, 12)}
+    assert table.whole and [not sound for sound in table.sound] == [number // WORK.block in hit for number in range(80)]
+
+
 @pytest.mark.parametrize("moment", range(MOMENTS))
 def test_the_disk_is_full(moment: int, tmp_path: Path, whole: Table, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = tmp_path / "disk"

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from scenarios.tasks import shards
+from scenarios.tasks.processes import THREADS
 from scenarios.tasks.rows import Table
 from scenarios.tasks.study import Asked, run_study
 from scenarios.tasks.work import tasks_of
@@ -199,27 +200,27 @@ def test_a_full_disk_is_one_line_and_costs_no_row(whole: Table, tmp_path: Path, 
     assert same(run_study(Toy(), dataclasses.replace(kept, resume=True)), whole)
 
 
-def test_progress_counts_what_was_kept(tmp_path: Path) -> None:
+def test_progress_counts_what_was_kept_and_shares_what_is_left(tmp_path: Path) -> None:
     kept = dataclasses.replace(ASKED, folder=tmp_path, unit="flights")
     told: list[tuple[str, float]] = []
     run_study(Toy(), dataclasses.replace(kept, count=10))
     run_study(Toy(), dataclasses.replace(kept, resume=True), lambda stage, share: told.append((stage, share)))
-    assert told[0] == ("10 of 30 flights", 10 / 30) and told[-1][1] == 1.0
+    assert told[0] == ("10 of 30 flights", 0.0) and told[-1][1] == 1.0
+    assert told[1][1] == 2 / 20  # from which the time that is left is told; block 2 begins at task 8, of which 10 and 11 are missing
     assert told[-1][0].startswith("30 of 30 flights, ") and told[-1][0].endswith(" a second")
 
 
-def test_a_script_without_a_guard_is_not_run_again_by_its_processes(tmp_path: Path) -> None:
+def test_a_script_without_a_guard_is_not_run_again_by_its_processes_which_have_one_thread_each(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         "print('once')\n"
-        "from scenarios.tasks.study import Asked, run_study\nfrom tests.unit.scenarios.tasks.toy import Toy\n"
-        "print(len(run_study(Toy(), Asked(12, 1, jobs=2))))\n"
+        "from scenarios.tasks.study import Asked, run_study\nfrom tests.unit.scenarios.tasks.toy import Threads\n"
+        "print(*run_study(Threads(), Asked(12, 1, jobs=2)).columns['threads'])\n"
     )
     root = Path(__file__).parents[4]
-    found = subprocess.run(
-        [sys.executable, script], cwd=root, env={**os.environ, "PYTHONPATH": str(root)}, capture_output=True, text=True, timeout=60
-    )
-    assert found.stdout.split() == ["once", "12"] and found.stderr == ""
+    environment = {**{name: value for name, value in os.environ.items() if name not in THREADS}, "PYTHONPATH": str(root)}
+    found = subprocess.run([sys.executable, script], cwd=root, env=environment, capture_output=True, text=True, timeout=60)
+    assert found.stdout.split() == ["once", *["1"] * 12] and found.stderr == ""
 
 
 def test_rows_read_back_as_a_frame(tmp_path: Path, whole: Table) -> None:

@@ -59,6 +59,19 @@ class Toy:
         return True
 
 
+class Threads(Toy):
+    """How many threads linear algebra takes in the process that works, also that which is loaded late."""
+
+    columns: ClassVar[Mapping[str, str]] = {"threads": "int"}
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        import scipy.linalg
+        import threadpoolctl
+
+        scipy.linalg.inv(np.eye(3))
+        return [{"threads": max(each["num_threads"] for each in threadpoolctl.threadpool_info())} for _ in tasks]
+
+
 def row_of(task: Task) -> Row:
     """The row of a task, by which any table can be checked."""
     draws = np.random.default_rng(task.seed).normal(size=2)

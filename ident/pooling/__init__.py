@@ -1,0 +1,1 @@
+"""What many flights say together: common values, scatter between flights, effects that recur."""

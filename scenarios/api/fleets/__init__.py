@@ -1,0 +1,1 @@
+"""Functions on many flights at once."""

@@ -1,0 +1,1 @@
+"""Commands on many flights at once."""

@@ -1,0 +1,1 @@
+"""A test campaign's records at once: each flight diagnosed and kept, then what recurs."""

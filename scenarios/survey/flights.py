@@ -1,0 +1,207 @@
+"""The flights of a survey as its file declares them, each with everything that its results depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from scenarios.files.declarations import checked, read_toml_source, toml_of
+from scenarios.files.own_models import is_model_file
+from scenarios.files.sources import InputFile, Source
+from scenarios.files.units import to_si
+from scenarios.files.vehicles import refuse_unknown_model
+from scenarios.files.versions import own_version
+from scenarios.preparation.plan import Plan, plan_of
+from scenarios.preparation.request import Request
+from sim.errors import DeclarationError, FlightidError
+
+if TYPE_CHECKING:
+    from scenarios.survey.schema import FlightEntry, SurveyEntry
+
+FORM = "1"  # of what is kept of a flight: another one is computed again
+# Quantities that are conditions wherever they are given, in the unit in which they are kept.
+CONDITIONS = {
+    **{"mass": "kg", "airspeed": "m/s", "reference_airspeed": "m/s", "air_density": "kg/m3", "pitch_inertia": "kg m2"},
+    **{"altitude": "m", "mach": "1", "dynamic_pressure": "Pa", "trim_alpha": "rad", "roll_inertia": "kg m2", "yaw_inertia": "kg m2"},
+}
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight: its name, its request without anything open, and what it was flown at.
+
+    ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is none. ``condition``: values with units by name.
+    ``digest``: of everything that its results depend on.
+    """
+
+    name: str
+    records: tuple[Path, ...]
+    model: str
+    vehicle: str
+    vehicle_name: str
+    channels: Path | None
+    effects: Path | None
+    plan: Plan
+    effort: str
+    condition: Mapping[str, tuple[float, str]]
+    date: str = ""
+    tail: str = ""
+    digest: str = ""
+
+    def request(self) -> Request:
+        """What a diagnosis of this flight is asked."""
+        raw = self.vehicle.encode()
+        identity = InputFile(self.vehicle_name, hashlib.sha256(raw).hexdigest())
+        vehicle = Source(Path(self.vehicle_name), raw, identity) if raw else None
+        return Request(self.records, self.model, vehicle, (), self.effects, self.channels, self.plan, self.effort)
+
+
+@dataclass(frozen=True)
+class Flights:
+    """A survey's file: its path and hash, its title, its model, its flights in their order."""
+
+    path: Path
+    sha256: str
+    title: str
+    model: str
+    flights: tuple[Flight, ...]
+
+
+def read_flights(path: str | Path) -> Flights:
+    """Read a survey's file; paths in it are relative to it.
+
+    Raises
+    ------
+    DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two flights of one name, no flight; a line with file,
+        flight and remedy. Records that are not there are no error here: their flights are told as failed.
+    """
+    from scenarios.survey.schema import SurveyEntry
+
+    source = read_toml_source(path)
+    where, root = str(path), Path(path).parent
+    entry = checked(SurveyEntry, toml_of(source), path)
+    model = str(root / entry.model) if is_model_file(entry.model) else entry.model
+    refuse_unknown_model(model, f"{where}, key model")
+    vehicle = toml_of(read_toml_source(root / entry.vehicle)) if entry.vehicle is not None else {}
+    found = [(_name_of(each, root, where, number), each) for number, each in enumerate([*_listed(entry, root, where), *entry.flights], start=1)]
+    if not found:
+        raise DeclarationError("there is no flight", where=where, remedy='add [[flights]] tables, or records = "flights/*.csv"')
+    names = [name for name, _ in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise DeclarationError(f"two flights are called {name}", where=where, remedy="give each a name of its own")
+    flights = tuple(_flight(name, each, entry, root, model, vehicle, where) for name, each in found)
+    return Flights(Path(path), source.identity.sha256, entry.title or Path(path).stem, entry.model, flights)
+
+
+def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
+    """Flights of the records that stand at the top of the file, in the order of their names."""
+    from scenarios.survey.schema import FlightEntry
+
+    patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
+    told = {str(one) for each in entry.flights for one in (each.records or [str(each.record)])}
+    out = []
+    for pattern in patterns:
+        matched = sorted(root.glob(pattern)) if any(mark in pattern for mark in "*?[") else [root / pattern]
+        if not matched:
+            raise DeclarationError(
+                f"no file matches {pattern!r}", where=f"{where}, key records", remedy="check the path; it is relative to this file"
+            )
+        out += [FlightEntry.model_validate({"record": str(each.relative_to(root))}) for each in matched if str(each.relative_to(root)) not in told]
+    return out
+
+
+def _name_of(entry: FlightEntry, root: Path, where: str, number: int) -> str:
+    import re
+
+    from scenarios.survey.schema import FOLDER_NAME
+
+    if (entry.record is None) == (entry.records is None):
+        what = "names no record" if entry.record is None else "has record and records"
+        raise DeclarationError(f"flight {entry.name or number} {what}", where=where, remedy='give it record = "FILE", or a list of records')
+    name = entry.name or Path((entry.records or [str(entry.record)])[0]).stem
+    if not re.match(FOLDER_NAME, name):
+        raise DeclarationError(f"{name!r} cannot be the name of a folder", where=f"{where}, flight {number}", remedy='give it a plain name = "..."')
+    return name
+
+
+def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, model: str, vehicle: Mapping[str, Any], where: str) -> Flight:
+    place = f"{where}, flight {name}"
+    start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
+    hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
+    try:
+        plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass)
+    except FlightidError as error:
+        raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
+    if entry.vehicle and not vehicle:
+        raise DeclarationError("changes a vehicle file that is not named", where=place, remedy='add vehicle = "FILE.toml" at the top')
+    content = _over(vehicle, entry.vehicle)
+    given: dict[str, Any] = {key: value for key, value in content.items() if key in CONDITIONS} | entry.condition
+    channels = _either(entry.channels, shared.channels)
+    flight = Flight(
+        name,
+        tuple(root / each for each in (entry.records or [str(entry.record)])),
+        model,
+        toml_text(content) if content else "",
+        shared.vehicle or "",
+        root / channels if channels is not None else None,
+        root / shared.effects if shared.effects is not None else None,
+        plan,
+        shared.effort,
+        {key: _condition(key, value, place) for key, value in given.items()},
+        entry.date or "",
+        entry.tail or "",
+    )
+    return Flight(**{**vars(flight), "digest": _digest(flight)})
+
+
+def _either(own: Any, shared: Any) -> Any:
+    return own if own is not None else shared
+
+
+def _condition(key: str, value: object, place: str) -> tuple[float, str]:
+    """A condition in its unit: ours where we know one, else as it was given."""
+    from scenarios.files.vehicles_schema import number_in
+
+    unit = CONDITIONS.get(key.lower())
+    if unit is not None or not isinstance(value, str):
+        return number_in(value, unit or "1", f"{place}, {key}"), unit or "1"
+    number, _, own = value.strip().partition(" ")
+    try:
+        return to_si(float(number), own.strip(), own.strip(), f"{place}, {key}", DeclarationError), own.strip() or "1"
+    except ValueError:
+        raise DeclarationError(f"{value!r} is not a number with a unit", where=f"{place}, {key}", remedy='write 0.6 or "12000 ft"') from None
+
+
+def _digest(flight: Flight) -> str:
+    """A hash of everything that a flight's results depend on; of a file that is not there, that it is not."""
+    files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
+    files += [each for each in (flight.channels, flight.effects, Path(flight.model) if is_model_file(flight.model) else None) if each is not None]
+    contents = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files]
+    rest = [FORM, own_version(), flight.name, flight.model, flight.vehicle, repr(flight.plan), flight.effort, *contents]
+    return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
+
+
+def _over(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The content with ``changes`` in the place of its own; tables key by key."""
+    both = {
+        key: {**content[key], **value} if isinstance(value, dict) and isinstance(content.get(key), dict) else value for key, value in changes.items()
+    }
+    return {**content, **both}
+
+
+def toml_text(content: Mapping[str, Any]) -> str:
+    """TOML of what a TOML file held: a line a key, tables inline."""
+    return "".join(f"{json.dumps(key)} = {_inline(value)}\n" for key, value in content.items())
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_inline(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return json.dumps(value, default=str)

@@ -1,0 +1,78 @@
+"""The page of a survey: opened each morning, what is new first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scenarios.pages.folder import figures
+from scenarios.pages.model import Bullets, Page, Prose, section
+from scenarios.pages.printed import rows_table
+from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.wording import capital, sentence
+from scenarios.plots.page.named import Drawn
+from scenarios.survey.recurring import LIBRARY
+from scenarios.survey.survey import Survey
+from scenarios.survey.words import (
+    belongs_phrase,
+    derivative_rows,
+    drifts,
+    effect_rows,
+    flight_rows,
+    listed,
+    news,
+    outstanding,
+    rivals_phrase,
+    verdict_of,
+)
+
+HOW = (
+    "Each flight was fitted with every set of the effects that several flights name. An effect recurs where all flights together, the loudest "
+    "left out, show one value of it beyond chance; a flight has it, or has it not, from 95 % probability on. Derivatives are those of each "
+    "flight's own set, with shared values known from the other flights"
+)
+
+
+def survey_page(survey: Survey, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a survey with the figures ``drawn``."""
+    word, rest = verdict_of(survey)
+    far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]
+    told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each), rivals_phrase(each)) if part]
+    alone = [f"{effect} is claimed in {listed(flights)} and does not recur" for effect, flights in survey.alone.items()]
+    fresh = [f"{name}: {survey.grown.kept[name]['verdict']}; {survey.grown.kept[name]['headline']}" for name in survey.grown.new]
+    return Page(
+        title=f"{survey.flights.title}: survey",
+        kind=f"{survey.flights.model} model, {len(survey.grown.kept)} flights",
+        verdict=capital(word.lower()),
+        tone="open" if not survey.grown.kept else "fair" if survey.recurs else "good",
+        sentence=sentence(rest),
+        summary=tuple(map(sentence, map(capital, [news(survey), *drifts(survey)]))),
+        warnings=tuple(sentence(f"{name} failed: {reason}") for name, reason in survey.grown.failed.items()),
+        sections=(
+            *section("New since the last survey", Bullets(tuple(map(sentence, fresh)))),
+            *section("What recurs", rows_table("Effects", *effect_rows(survey)), Bullets(tuple(map(sentence, told))), Prose(sentence(HOW), "note")),
+            *section("Derivatives", rows_table("Over all flights", *derivative_rows(survey))),
+            *section("Flights that stand out", rows_table("Beyond the scatter of the others", ["flight", "derivative", "off, sigmas"], far)),
+            *section("Figures", *figures(drawn)),
+            *section(
+                "Flights",
+                rows_table("The newest first; each has its own page in flights/NAME/report.html", *flight_rows(survey)),
+                Bullets(tuple(map(sentence, alone))),
+            ),
+            *section("What it rests on", Bullets(tuple(map(sentence, _rests(survey))))),
+        ),
+        reproduction=reproduction(
+            ["flightid", "survey", str(survey.flights.path)], "", [("survey", survey.flights.path.name, survey.flights.sha256)]
+        ),
+        created=now(),
+    )
+
+
+def _rests(survey: Survey) -> list[str]:
+    tried = listed(survey.tried, 10) or "none, since no two flights name the same"
+    return [
+        f"Effects that were asked of all flights: {tried}",
+        f"The chance of a false recurrence counts {LIBRARY} candidates (Bonferroni); trends and differences have a false discovery rate of 5 %",
+        "Sigmas of common values and trends hold the scatter between flights (restricted maximum likelihood, Hartung and Knapp)",
+        "Flights are combined by their estimates with covariances, which is the joint fit as far as each likelihood is quadratic",
+        "A trend is told with one condition at a time: where conditions go together, either may be the cause",
+    ]

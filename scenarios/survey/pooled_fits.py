@@ -1,0 +1,155 @@
+"""Each flight fitted with every set of the effects that recur, from which all flights together decide."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenarios.files.writing import write_json
+from scenarios.survey.flights import Flight
+from scenarios.survey.one_flight import FOLDER
+from scenarios.tasks.work import Row, Task
+from sim.errors import FlightidError
+
+if TYPE_CHECKING:
+    from ident.tracing.candidate_model.fitted_model import FittedModel
+    from sim.declaration.proposal import Traceable
+
+SCHEMA = "flightid/survey-fits/1"
+KEPT = "sets.json"
+Starts = Mapping[str, float]  # by full name of a parameter
+
+
+@dataclass(frozen=True)
+class PooledFits:
+    """The work: each task is a flight, fitted with all sets of ``effects`` beside the effects that are its own.
+
+    ``starts``: where the search for an effect's parameters begins: what other flights found. ``own`` of each flight: its effects that belong to
+    it alone, with their values.
+    """
+
+    flights: tuple[Flight, ...]
+    effects: tuple[str, ...]
+    starts: Starts
+    own: tuple[Mapping[str, Starts], ...]
+    folder: Path
+    name: str = "flights fitted with what recurs"
+    block: int = 1
+
+    @property
+    def columns(self) -> Mapping[str, str]:
+        return {"flight": "text", "sets": "int"}
+
+    def identity(self) -> Mapping[str, Any]:
+        return {"digests": [self.digest(number) for number in range(len(self.flights))]}
+
+    def digest(self, number: int) -> str:
+        """Of everything that a flight's fits depend on; not of the starts, from which every fit goes to its end."""
+        told = [self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+    def path(self, number: int) -> Path:
+        return self.folder / FOLDER / self.flights[number].name / KEPT
+
+    def kept(self, number: int) -> Mapping[str, Any] | None:
+        """The fits of a flight as its folder has them; None where it has none of these."""
+        try:
+            content: Any = json.loads(self.path(number).read_bytes())
+        except (OSError, ValueError):
+            return None
+        return content if isinstance(content, dict) and content.get("digest") == self.digest(number) else None
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        out: list[Row | str] = []
+        for task in tasks:
+            try:
+                sets = fitted_sets(self.flights[task.number], self.effects, self.starts, self.own[task.number])
+            except FlightidError as error:
+                out.append(str(error))
+                continue
+            write_json(self.path(task.number), {"schema": SCHEMA, "digest": self.digest(task.number), **sets})
+            out.append({"flight": self.flights[task.number].name, "sets": len(sets["sets"])})
+        return out
+
+
+def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mapping[str, Starts]) -> dict[str, Any]:
+    """Log likelihood, estimates and covariance of a flight's whole record with each set of the effects ``names`` that its model can have.
+
+    Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that are independent, of the largest set.
+    """
+    from ident.statistics.coloured_covariance import effective_share
+    from ident.tracing.candidate_model.fitted_model import FitData, fit_set, start_from
+    from ident.tracing.spikes.masks import measured_masks
+    from ident.whole_record.layout import FitSettings
+    from scenarios.diagnosis.candidates import candidates_for
+    from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of
+    from scenarios.preparation.vehicle_model import step_for
+
+    request = flight.request()
+    opened = opened_files(request, vehicle_path_of(request))
+    posed = posed_for(opened, request.plan)
+    records = (*posed.records, *posed.predicted)
+    known = {each.name: each for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])}
+    outputs = [signal.name for signal in posed.model.equations.outputs if any(signal.name in record.output_names for record in records)]
+    data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
+    settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
+    beside = [known[name] for name in own if name in known]
+    found: dict[frozenset[str], FittedModel | None] = {}
+    able = [name for name in names if name in known]
+    for size in range(len(able) + 1):
+        for names_of in combinations(able, size):
+            taken = frozenset(names_of)
+            smaller = [found[taken - {name}] for name in names_of]
+            sound = [each for each in smaller if each is not None]
+            start = min(sound, key=lambda each: each.fit.cost, default=None)
+            added = {**starts} if start is not None else {full: value for each in own.values() for full, value in each.items()}
+            found[taken] = fit_set(data, [*beside, *(known[name] for name in able if name in taken)], settings, start_from(start, added))
+    most = next((each for each in reversed(found.values()) if each is not None), None)
+    share = effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems]) if most is not None else 1.0
+    declared = [item.name for item in posed.model.parameters if item.free and not item.name.startswith("bias_")]
+    units = {item.name: item.unit for item in posed.model.parameters}
+    local = {name: [item.name for item in known[name].parameters if item.free] for name in able}
+    return {
+        "declared": declared,
+        "units": {name: units[name] for name in declared},
+        "effects": {name: {"parameters": local[name], "units": _units(known[name]), "full": _full(known[name])} for name in able},
+        "independent": share,
+        "sets": {"+".join(sorted(taken)): _told(each, declared, [known[n] for n in sorted(taken)], share) for taken, each in found.items() if each},
+    }
+
+
+def _units(effect: Traceable) -> dict[str, str]:
+    return {item.name: item.unit for item in effect.parameters if item.free}
+
+
+def _full(effect: Traceable) -> list[str]:
+    from sim.declaration.effect import full_name
+
+    return [full_name(effect, item.name) for item in effect.parameters if item.free]
+
+
+def _told(fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float) -> dict[str, Any]:
+    """Estimates of the declared parameters and then of the effects', with their covariance."""
+    from ident.statistics.information import inverse_information
+
+    normal, _ = fitted.fit.normal_equations()
+    covariance, _ = inverse_information(normal, fitted.fit.theta)
+    places = {name: at for at, name in enumerate(fitted.fit.layout.names)}
+    names = [*declared, *(full for effect in effects for full in _full(effect))]
+    at = [places.get(name, places.get(f"{name}, record 1", -1)) for name in names]
+    sound = np.array([place >= 0 for place in at])
+    chosen = np.array([max(place, 0) for place in at], dtype=int)
+    estimate = np.where(sound, fitted.fit.theta[chosen], 0.0)
+    return {
+        "log_likelihood": share * fitted.fit.log_likelihood,
+        "names": names,
+        "estimate": estimate,
+        "covariance": np.where(np.outer(sound, sound), covariance[np.ix_(chosen, chosen)], 1e30 * np.eye(len(at))) / share,
+    }

@@ -1,0 +1,54 @@
+"""The schema of a survey's file (pydantic); imported only when one is read."""
+
+from __future__ import annotations
+
+import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, Field, StringConstraints
+
+from scenarios.files.vehicles_schema import STRICT
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+FOLDER_NAME = r"^[A-Za-z0-9][A-Za-z0-9._+-]*$"  # a flight's results have a folder of its name
+
+
+def _day(value: object) -> object:
+    return value.isoformat() if isinstance(value, datetime.date | datetime.datetime) else value
+
+
+class Reading(BaseModel):
+    """How records are read; in a flight's table it takes the place of what stands above."""
+
+    model_config = STRICT
+    channels: Name | None = None
+    from_: Number | None = Field(None, alias="from")
+    to: Number | None = None
+    hold: Literal["previous", "linear"] | None = None
+    rate: Annotated[float, Field(gt=0)] | None = None
+    lowpass: Annotated[float, Field(gt=0)] | None = None
+
+
+class FlightEntry(Reading):
+    """One flight."""
+
+    name: Annotated[str, StringConstraints(pattern=FOLDER_NAME)] | None = None
+    record: Name | None = None
+    records: Annotated[list[Name], Field(min_length=1)] | None = None
+    vehicle: dict[str, Any] = {}
+    condition: dict[str, float | str] = {}
+    date: Annotated[str | None, BeforeValidator(_day)] = None
+    tail: Name | None = None
+
+
+class SurveyEntry(Reading):
+    """The whole file."""
+
+    title: Name | None = None
+    model: Name
+    vehicle: Name | None = None
+    effort: Literal["normal", "thorough"] = "normal"
+    effects: Name | None = None
+    records: Name | Annotated[list[Name], Field(min_length=1)] | None = None
+    flights: list[FlightEntry] = []

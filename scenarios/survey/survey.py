@@ -1,0 +1,106 @@
+"""A survey: its flights grown, what recurs, derivatives over the condition."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scenarios.plots.formats import Formats
+from scenarios.survey.derivatives import Derivative, estimates, over_flights
+from scenarios.survey.flights import Flights, read_flights
+from scenarios.survey.growing import Grown, Tell, grown
+from scenarios.survey.pooled_fits import PooledFits
+from scenarios.survey.recurring import Recurring, candidates, own_effects, recurring, starts_of
+from scenarios.tasks.study import Asked, run_study
+
+FITTING = 0.75  # share of the work that is the diagnoses
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Survey:
+    """The result of a survey.
+
+    ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that recur. ``tried``: those that were asked of all flights.
+    ``alone``: effects that flights claim and that do not recur, with these flights. ``derivatives`` over the flights. ``refitted``: flights that were
+    fitted with what recurs in this run.
+    """
+
+    flights: Flights
+    grown: Grown
+    recurs: tuple[Recurring, ...] = ()
+    tried: tuple[str, ...] = ()
+    alone: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    derivatives: tuple[Derivative, ...] = ()
+    conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    condition_units: Mapping[str, str] = field(default_factory=dict)
+    refitted: int = 0
+
+    def __repr__(self) -> str:
+        named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
+        return f"<Survey of {len(self.grown.kept)} flights: {named}>"
+
+    @property
+    def verdicts(self) -> Mapping[str, int]:
+        """How often each verdict stands over single flights."""
+        return dict(Counter(str(each["verdict"]) for each in self.grown.kept.values()).most_common())
+
+
+def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Formats = (), tell: Tell = lambda stage, share: None) -> Survey:
+    """Survey the flights of a file into a folder, in which each flight's own results are kept.
+
+    Raises
+    ------
+    FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C, with what is kept.
+    """
+    asked = read_flights(path)
+    tell("reading", 0.0)
+    had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share))
+    names = candidates(had.kept)
+    fits, refitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, FITTING + (0.95 - FITTING) * share))
+    flown = tuple(fits)
+    found, sets = recurring(names, flown, list(fits.values()), had.kept)
+    conditions, condition_units = conditions_of(had)
+    told = estimates(flown, list(fits.values()), found, sets)
+    units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
+    taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
+    alone: dict[str, list[str]] = {}
+    for name, flight in had.kept.items():
+        for each in flight["effects"]:
+            if each["claimed"] and each["name"] not in taken:
+                alone.setdefault(each["name"], []).append(name)
+    derivatives = over_flights(flown, told, conditions, units)
+    tell("pooled", 0.96)
+    single = {name: tuple(here) for name, here in sorted(alone.items())}
+    return Survey(asked, had, tuple(found), names, single, tuple(derivatives), conditions, condition_units, refitted)
+
+
+def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell) -> tuple[dict[str, Mapping[str, Any]], int]:
+    """The fits of each flight with every set of what may recur, and how many flights were fitted for that now."""
+    flights = [had.flights[name] for name in had.kept]
+    whole = PooledFits(tuple(flights), names, starts_of(had.kept, names), tuple(own_effects(each, names) for each in had.kept.values()), folder)
+    missing = [number for number in range(len(flights)) if whole.kept(number) is None]
+    if missing:
+        work = PooledFits(tuple(flights[n] for n in missing), names, whole.starts, tuple(whole.own[n] for n in missing), folder)
+        try:
+            done = run_study(work, Asked(len(missing), 0, max(1, min(jobs, len(missing))), unit="flights"), tell).whole
+        except KeyboardInterrupt:
+            done = False
+        if not done:
+            raise KeyboardInterrupt(f"all {len(flights)} flights are kept in {folder}")
+    found = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
+    return {name: each for name, each in found.items() if each is not None}, len(missing)
+
+
+def conditions_of(had: Grown) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+    """Conditions that differ between flights, by name and flight, and their units; one that has two units is left out."""
+    values: dict[str, dict[str, float]] = {}
+    units: dict[str, set[str]] = {}
+    for name in had.kept:
+        for key, (value, unit) in had.flights[name].condition.items():
+            values.setdefault(key, {})[name] = value
+            units.setdefault(key, set()).add(unit)
+    varied = {key: each for key, each in values.items() if len(set(each.values())) > 1 and len(units[key]) == 1}
+    return varied, {key: next(iter(units[key])) for key in varied}

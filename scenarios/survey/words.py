@@ -1,0 +1,160 @@
+"""What a survey found, in sentences and rows that terminal, page and JSON share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scenarios.survey.derivatives import TOLD, Derivative
+from scenarios.survey.recurring import EQUAL, Recurring
+from scenarios.survey.survey import Survey
+from scenarios.terminal.display_units import shown_in, spaced
+from scenarios.terminal.numbers import number
+
+HAS, HAS_NOT, UNTOLD = "has it", "has it not", "not told"
+
+
+def verdict_of(survey: Survey) -> tuple[str, str]:
+    """A word or two, and the sentence after it."""
+    if not survey.grown.kept:
+        return "NO FLIGHT", "no flight could be used"
+    if not survey.recurs:
+        return "NOTHING RECURS", f"no effect acts in two or more of {len(survey.grown.kept)} flights beyond chance"
+    return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
+
+
+def effect_phrase(each: Recurring) -> str:
+    """``"vane-offset in 40 of 40 flights (arm 3.00 +- 0.02 m)"``."""
+    return f"{each.name} in {len(each.has)} of {len(each.flights)} flights ({', '.join(values_of(each))})"
+
+
+def values_of(each: Recurring) -> list[str]:
+    """The common values with sigmas, in the units in which they are shown."""
+    out = []
+    sigmas = np.sqrt(np.diag(each.found.covariance))
+    for (local, unit), value, sigma in zip(each.parameters.items(), each.found.value, sigmas, strict=True):
+        factor, text = shown_in(unit, local)
+        out.append(f"{local} {number(factor * value, factor * sigma)} +- {number(factor * sigma, factor * sigma)}{spaced(text)}")
+    return out
+
+
+def belongs_phrase(each: Recurring) -> str:
+    """Whose it is, and whether its value is one."""
+    told = f"{len(each.has)} have it, {len(each.has_not)} have it not, {len(each.untold)} do not tell"
+    whose = (
+        f"it belongs to the aircraft: no flight excludes it ({told})" if each.found.belongs == "aircraft" else f"it acts in some flights only: {told}"
+    )
+    same = (
+        "the values of all flights agree"
+        if each.found.agrees
+        else f"its values differ by {100 * each.found.scatter:.0f} % (one sigma) between flights"
+    )
+    return f"{whose}; {same}"
+
+
+def rivals_phrase(each: Recurring) -> str:
+    """What it was told from, and what not."""
+    equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
+    told = [f"{name} (by {margin:.3g} of twice the log likelihood)" for name, margin in each.rivals.items() if margin >= EQUAL]
+    out = []
+    if equal:
+        out.append(
+            f"likelihood does not tell it from {' or '.join(equal)}: named by the derivatives, which it scatters less, or by the flights' diagnoses"
+        )
+    out += [f"preferred to {', '.join(told)}"] if told else []
+    return "; ".join(out)
+
+
+def drift_phrase(survey: Survey, each: Derivative) -> str:
+    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty where it does not change."""
+    drift = each.drifts
+    if drift is None:
+        return ""
+    name, line = drift
+    unit = survey.condition_units.get(name, "1")
+    per = f" per {unit}" if unit != "1" else " per unit"
+    own = "" if each.unit in ("", "1") else f" {each.unit}"
+    return f"{each.name} changes with {name} by {line.slope:.3g} +- {line.slope_sigma:.2g}{own}{per}"
+
+
+def drifts(survey: Survey) -> list[str]:
+    """Every derivative that changes with a condition."""
+    return [phrase for each in survey.derivatives if (phrase := drift_phrase(survey, each))]
+
+
+def outstanding(survey: Survey) -> list[tuple[str, str, float]]:
+    """Flights that stand out: flight, derivative, standard deviations."""
+    return [
+        (flight, each.name, float(far))
+        for each in survey.derivatives
+        for flight, far, out in zip(each.flights, each.off, each.out, strict=True)
+        if out
+    ]
+
+
+def news(survey: Survey) -> str:
+    """What this survey computed, and what is new, failed or removed since the last one."""
+    grown = survey.grown
+    parts = [f"{len(grown.kept)} flights", f"{len(grown.computed)} computed now, {len(grown.kept) - len(grown.computed)} kept"]
+    parts += [f"new: {listed(grown.new)}"] if grown.new else []
+    parts += [f"{len(grown.failed)} failed: {listed(list(grown.failed))}"] if grown.failed else []
+    parts += [f"removed since the last survey: {listed(grown.removed)}"] if grown.removed else []
+    return "; ".join(parts)
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Names with commas, those beyond ``most`` counted."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def state(each: Recurring, flight: str) -> str:
+    """What is told of an effect in one flight."""
+    if flight not in each.flights:
+        return "–"
+    return HAS if flight in each.has else HAS_NOT if flight in each.has_not else UNTOLD
+
+
+def newest_first(survey: Survey) -> list[str]:
+    """Names of the flights: new ones first, then by date, the last first, then in the order of the file from its end."""
+    order = list(survey.grown.kept)
+    fresh = set(survey.grown.new)
+    return sorted(order, key=lambda name: (name in fresh, survey.grown.flights[name].date, order.index(name)), reverse=True)
+
+
+def effect_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
+    """What recurs."""
+    rows = []
+    for each in survey.recurs:
+        whose = "the aircraft" if each.found.belongs == "aircraft" else "some flights"
+        chance = f"{max(each.found.p_value, 1e-300):.1g}"
+        counts = [str(len(each.has)), str(len(each.has_not)), str(len(each.untold)), str(len(each.named))]
+        rows.append([each.name, "; ".join(values_of(each)), whose, *counts, "yes" if each.found.agrees else "no", chance])
+    return ["effect", "common value", "belongs to", "have it", "have it not", "not told", "named alone", "one value", "chance"], rows
+
+
+def derivative_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
+    """Derivatives over the flights."""
+    rows = []
+    for each in survey.derivatives:
+        common = each.common
+        drift = drift_phrase(survey, each).partition(" changes ")[2] or "–"
+        differs = "yes" if each.differs < TOLD else "no"
+        sigma = number(common.sigma, common.sigma)
+        rows.append([each.name, each.unit or "1", number(common.value, common.sigma), sigma, f"{common.scatter:.2g}", differs, drift])
+    return ["derivative", "unit", "common value", "+- sigma", "scatter between flights", "differs", "changes"], rows
+
+
+def flight_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
+    """Flights, the newest first."""
+    rows = []
+    for name in newest_first(survey):
+        flight, kept = survey.grown.flights[name], survey.grown.kept[name]
+        effects = [state(each, name) for each in survey.recurs]
+        alone = [effect for effect, flights in survey.alone.items() if name in flights]
+        check = ", ".join(kept["check"]["findings"]) if kept["check"]["done"] else "not possible"
+        since = "new" if name in survey.grown.new else ""
+        rows.append(
+            [name, since, flight.date or "–", flight.tail or "–", kept["verdict"], *effects, ", ".join(alone) or "–", check or "nothing stands"]
+        )
+    return ["flight", "since", "date", "tail", "verdict", *(each.name for each in survey.recurs), "alone", "kinematics"], rows

@@ -1,0 +1,196 @@
+"""Pooling of estimates over flights: oracles written a second way, and simulated nulls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.stats import kstest
+
+from ident.pooling.conditioning import conditioned, without_one
+from ident.pooling.false_discovery import adjusted
+from ident.pooling.random_effects import pooled
+from ident.pooling.recurrence import Evidence, recurrence
+from ident.pooling.standing_out import standing_out
+from ident.pooling.trend import trend
+
+
+def restricted_oracle(values: np.ndarray, sigmas: np.ndarray) -> float:
+    """Scatter by the likelihood of contrasts alone, in which the mean never stands."""
+    n = len(values)
+    contrasts = np.linalg.svd(np.ones((1, n)))[2][1:]
+    seen = contrasts @ values
+
+    def cost(log_scatter: np.ndarray) -> float:
+        covariance = contrasts @ np.diag(sigmas**2 + np.exp(2.0 * log_scatter[0])) @ contrasts.T
+        return float(np.linalg.slogdet(covariance)[1] + seen @ np.linalg.solve(covariance, seen))
+
+    return float(np.exp(min((minimize(cost, [start], method="Nelder-Mead") for start in (-4.0, -1.0, 1.0)), key=lambda each: each.fun).x[0]))
+
+
+def test_scatter_and_common_value_are_those_of_the_contrasts() -> None:
+    rng = np.random.default_rng(1)
+    sigmas = rng.uniform(0.1, 1.0, 15)
+    values = 3.0 + 0.7 * rng.standard_normal(15) + sigmas * rng.standard_normal(15)
+    found = pooled(values, sigmas)
+    scatter = restricted_oracle(values, sigmas)
+    weight = 1.0 / (sigmas**2 + scatter**2)
+    assert found.scatter == pytest.approx(scatter, rel=1e-3)
+    assert found.value == pytest.approx(np.average(values, weights=weight), rel=1e-4)
+    assert found.sigma >= 1.0 / np.sqrt(weight.sum()) * 0.999
+    assert found.low < found.value < found.high
+
+
+def test_intervals_hold_the_truth_and_one_value_is_called_one() -> None:
+    rng = np.random.default_rng(2)
+    held, p_same = [], []
+    for _ in range(300):
+        sigmas = rng.uniform(0.2, 1.0, 8)
+        values = 0.5 * rng.standard_normal(8) + sigmas * rng.standard_normal(8)
+        found = pooled(values, sigmas)
+        held.append(found.low < 0.0 < found.high)
+        p_same.append(pooled(sigmas * rng.standard_normal(8), sigmas).p_same)
+    assert np.mean(held) > 0.91  # of 95 %: 300 draws scatter by 1.3 %
+    assert kstest(p_same, "uniform").pvalue > 1e-3
+
+
+def test_a_single_flight_keeps_its_own_value() -> None:
+    found = pooled(np.array([2.0]), np.array([0.3]))
+    assert (found.value, found.sigma, found.scatter) == (2.0, 0.3, 0.0)
+
+
+def test_scaling_and_order_change_nothing_but_the_unit() -> None:
+    rng = np.random.default_rng(3)
+    values, sigmas = rng.standard_normal(9), rng.uniform(0.1, 0.5, 9)
+    plain, other = pooled(values, sigmas), pooled(1e-4 * values[::-1], 1e-4 * sigmas[::-1])
+    assert other.value == pytest.approx(1e-4 * plain.value, rel=1e-4)
+    assert other.scatter == pytest.approx(1e-4 * plain.scatter, rel=1e-3)
+
+
+def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
+    rng = np.random.default_rng(4)
+    off, p_null = [], []
+    for _ in range(200):
+        condition, sigmas = rng.uniform(100.0, 200.0, 12), rng.uniform(0.05, 0.2, 12)
+        noise = 0.1 * rng.standard_normal(12) + sigmas * rng.standard_normal(12)
+        found, null = trend(2.0 + 0.01 * condition + noise, sigmas, condition), trend(noise, sigmas, condition)
+        assert found is not None
+        assert null is not None
+        off.append((found.slope - 0.01) / found.slope_sigma)
+        p_null.append(null.p_value)
+    assert 0.85 < np.std(off) < 1.2
+    assert np.mean(np.array(p_null) < 0.05) < 0.1
+    assert found is not None
+    line, band = found.band(np.array([found.middle]))
+    assert line[0] == pytest.approx(found.at_middle)
+    assert band[0] == pytest.approx(found.at_middle_sigma)
+
+
+def test_no_trend_is_told_of_one_condition_or_of_three_flights() -> None:
+    assert trend(np.arange(5.0), np.ones(5), np.full(5, 7.0)) is None
+    assert trend(np.arange(3.0), np.ones(3), np.arange(3.0)) is None
+
+
+def test_false_discoveries_against_the_step_up_rule() -> None:
+    p = np.random.default_rng(5).uniform(size=30) ** 2
+    for level in (0.01, 0.05, 0.2):
+        ordered = np.sort(p)
+        passed = [i for i in range(30) if ordered[i] <= level * (i + 1) / 30]
+        taken = set(np.flatnonzero(p <= ordered[passed[-1]])) if passed else set()
+        assert set(np.flatnonzero(adjusted(p) <= level)) == taken
+
+
+def test_one_flight_stands_out_and_clean_ones_do_not() -> None:
+    rng = np.random.default_rng(6)
+    false = 0
+    for _ in range(100):
+        sigmas = rng.uniform(0.5, 1.5, 20)
+        left = sigmas * rng.standard_normal(20)
+        false += standing_out(left, sigmas)[1].sum()
+        left[3] += 9.0
+        assert standing_out(left, sigmas)[1][3]
+    assert false <= 6
+
+
+def test_conditioning_every_flight_is_the_joint_fit() -> None:
+    rng = np.random.default_rng(7)
+    blocks, targets = rng.standard_normal((4, 30, 3)), rng.standard_normal((4, 30))
+    # All at once: two unknowns of each flight, the third shared.
+    design = np.zeros((120, 9))
+    for i in range(4):
+        design[30 * i : 30 * i + 30, [2 * i, 2 * i + 1, 8]] = blocks[i]
+    inverse = np.linalg.inv(design.T @ design)
+    joint = inverse @ design.T @ targets.ravel()
+    covariances = np.array([np.linalg.inv(b.T @ b) for b in blocks])
+    estimates = np.array([c @ b.T @ y for c, b, y in zip(covariances, blocks, targets, strict=True)])
+    weights = 1.0 / covariances[:, 2, 2]
+    value, covariance = np.array([weights @ estimates[:, 2] / weights.sum()]), np.array([[1.0 / weights.sum()]])
+    assert value[0] == pytest.approx(joint[8])
+    at = np.array([2])
+    for i in range(4):
+        others = without_one(value, covariance, estimates[i, at], covariances[i][np.ix_(at, at)])
+        assert others is not None
+        moved, left = conditioned(estimates[i], covariances[i], at, *others)
+        mine = [2 * i, 2 * i + 1, 8]
+        assert moved == pytest.approx(joint[mine])
+        assert left == pytest.approx(inverse[np.ix_(mine, mine)])
+
+
+def flights(values: np.ndarray, sigmas: np.ndarray, rng: np.random.Generator) -> Evidence:
+    """Linear flights: each estimate with its own noise; the gain is what least squares gives over zero."""
+    seen = values + sigmas * rng.standard_normal(len(values))
+    return Evidence(0.5 * (seen / sigmas) ** 2, seen[:, None], (sigmas**2)[:, None, None])
+
+
+def test_an_effect_of_the_aircraft_is_told_even_where_no_flight_tells_it_alone() -> None:
+    rng = np.random.default_rng(8)
+    found = recurrence(flights(np.full(40, 1.0), np.full(40, 0.6), rng), candidates=30)  # 1.7 sigmas a flight
+    assert found.recurs
+    assert found.belongs == "aircraft"
+    assert abs(found.value[0] - 1.0) < 4.0 * np.sqrt(found.covariance[0, 0])
+    assert found.agrees
+
+
+def test_half_of_the_flights_split_clearly() -> None:
+    rng = np.random.default_rng(9)
+    truth = np.tile([0.0, 1.0], 20)
+    found = recurrence(flights(truth, np.full(40, 0.12), rng), candidates=30)
+    assert found.belongs == "some flights"
+    assert np.array_equal(found.has, truth > 0)
+    assert np.array_equal(found.has_not, truth == 0)
+    assert found.share == pytest.approx(0.5, abs=0.05)
+
+
+def test_one_flight_alone_makes_no_recurrence_however_loud() -> None:
+    rng = np.random.default_rng(10)
+    truth = np.zeros(40)
+    truth[7] = 50.0
+    found = recurrence(flights(truth, np.ones(40), rng))
+    assert not found.recurs
+    assert found.belongs == "no flight"
+
+
+def test_values_that_differ_do_not_agree() -> None:
+    rng = np.random.default_rng(11)
+    lag = 3.0 / np.linspace(80.0, 200.0, 20)  # s: an arm of 3 m read as a time
+    arm = recurrence(flights(np.full(20, 3.0), np.full(20, 0.15), rng))
+    other = recurrence(flights(lag, 0.05 * lag, rng))
+    assert arm.agrees
+    assert not other.agrees
+    assert other.scatter > 0.05
+
+
+@pytest.mark.slow
+def test_chance_of_a_false_recurrence_is_bounded() -> None:
+    """The tail that decides is compared at a level that a few hundred draws can count."""
+    rng = np.random.default_rng(12)
+    found = [recurrence(flights(np.zeros(20), rng.uniform(0.5, 2.0, 20), rng)) for _ in range(150)]
+    p = np.array([each.p_value for each in found])
+    assert not any(each.recurs for each in found)
+    for level in (0.02, 0.1, 0.3):
+        assert np.mean(p < level) < level + 3.0 * np.sqrt(level * (1 - level) / len(p)), level
+
+
+def test_clean_fleets_show_no_recurrence() -> None:
+    rng = np.random.default_rng(13)
+    assert not any(recurrence(flights(np.zeros(12), rng.uniform(0.5, 2.0, 12), rng)).recurs for _ in range(8))
