@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -74,15 +74,16 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
         pieces: list[Columns] = []
         _run(work, asked, np.arange(asked.count), lambda ended: pieces.append(columns_of(work, ended)), tell)
         return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
+    from scenarios.tasks.manifest import manifest_of
     from scenarios.tasks.shards import Shards, locked, missing
 
-    folder = asked.folder
+    folder, wanted = asked.folder, manifest_of(work, asked.root, asked.count)
     shards: Shards | None = None
     try:
         with ExitStack() as stack:
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(folder))
-            _agree(work, asked, folder)
+            _agree(wanted, asked, folder)
             shards = Shards(folder, work)
             left = missing(shards.read(asked.count), asked.count)
             with shards:
@@ -127,11 +128,11 @@ def _by_cluster(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ende
     yield from run_on_cluster(work, blocks, asked.cluster, asked.longest)
 
 
-def _agree(work: Work, asked: Asked, folder: Path) -> None:
+def _agree(wanted: Mapping[str, Any], asked: Asked, folder: Path) -> None:
     """The manifest of what is asked, written where there is none, compared with the one that is there."""
-    from scenarios.tasks.manifest import manifest_of, read_manifest, refuse_another, write_manifest
+    from scenarios.tasks.manifest import read_manifest, refuse_another, write_manifest
 
-    wanted, kept = manifest_of(work, asked.root, asked.count), read_manifest(folder)
+    kept = read_manifest(folder)
     if kept is None:
         if asked.resume:
             raise FlightidError("there is no study to go on with", where=str(folder), remedy="leave --resume out, or name the folder of one")
