@@ -48,6 +48,7 @@ def test_twenty_causes_in_three_sizes_meet_three_aircraft() -> None:
     assert [case.vehicle for case in cases(["buffet"], ["small"], list(VEHICLES))] == list(VEHICLES)
 
 
+@pytest.mark.slow
 def test_a_folder_is_what_the_examiner_grades(tmp_path: Path) -> None:
     main([str(tmp_path), "--cause", "quadratic-damping", "gyro-warms", "--size", "medium", "--vehicle", "trainer", "--rate", "25"])
     hidden, known = tmp_path / "quadratic-damping-medium-trainer", tmp_path / "gyro-warms-medium-trainer"

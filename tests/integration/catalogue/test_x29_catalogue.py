@@ -145,6 +145,7 @@ def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
     assert len([path for path in folder.rglob("comparison.json")]) == 1
 
 
+@pytest.mark.slow
 def test_sentences_follow_the_numbers_of_the_seed() -> None:
     one = study("x29-flight")
     other = run_loop(loop_scenario("x29-flight", ["flight.duration=8", "estimate.window_stop=8", "margins.samples=0", "methods=[]"]), 5)

@@ -51,7 +51,7 @@ def written(path: Path, table: np.ndarray, control: str = "elevator") -> Path:
     return path
 
 
-@pytest.mark.parametrize("column", [1, 3])
+@pytest.mark.parametrize("column", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_column_of_1e30(flightid: CommandLine, table: np.ndarray, tmp_path: Path, column: int) -> None:
     table[:, column] *= 1e30
     vehicle = vehicle_file(tmp_path / "v.toml", BUSINESS_JET)

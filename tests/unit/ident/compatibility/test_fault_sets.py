@@ -95,7 +95,10 @@ def test_a_pair_that_one_other_fault_resembles_is_found_all_the_same() -> None:
     assert set(leaders(found)) == {"sensor-delay:alpha", "sensor-scale:q"}
 
 
-@pytest.mark.parametrize(("sensors", "name"), [(Sensors(arm=6.0), "vane-offset"), (Sensors(delay={"alpha": 0.05}), "sensor-delay:alpha")])
+@pytest.mark.parametrize(
+    ("sensors", "name"),
+    [(Sensors(arm=6.0), "vane-offset"), pytest.param(Sensors(delay={"alpha": 0.05}), "sensor-delay:alpha", marks=pytest.mark.slow)],
+)
 def test_several_airspeeds_tell_an_arm_from_a_delay(sensors: Sensors, name: str) -> None:
     found = compatibility([at_speed(v, sensors, i) for i, v in enumerate((90.0, 130.0, 180.0))], CompatibilitySettings())
     assert leaders(found) == [name]

@@ -80,6 +80,7 @@ def first_half(record: Record) -> Record:
     return Record(record.time[:n], inputs, outputs, record.hold, record.name)
 
 
+@pytest.mark.slow
 def test_the_zeros_of_all_sensors_may_be_open() -> None:
     """Totals of a whole longitudinal motion: the plain filter's points reach over the priors of all zeros together."""
     found = identify(first_half(flown("longitudinal", 5)), vehicle_file("longitudinal", 0.8), "ukf")

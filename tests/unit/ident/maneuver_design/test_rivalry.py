@@ -80,6 +80,7 @@ def test_a_simulation_is_the_flight() -> None:
     assert np.max(np.abs(mine - flown(model, plan)) / plan.noise[:, None]) < 0.02
 
 
+@pytest.mark.slow
 def test_the_rival_fits_as_well_as_plain_least_squares_can() -> None:
     plan, true = planned(5.0), acting("sensor-lag:alpha", time_constant=0.02)
     found = contest(plan, true, find_effect("vane-offset", plain().equations))  # type: ignore[arg-type]

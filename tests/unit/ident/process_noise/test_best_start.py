@@ -31,7 +31,8 @@ def estimated(record: Record, factors: float) -> Estimate:
     return fit_filter_error([record], compile_model(start.with_effects(GustTurbulence())), SETTINGS, calm=compile_model(start))
 
 
-@pytest.mark.parametrize("gust", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("gust", [0.0, 0.003])
 def test_an_unstable_aircraft_is_found_in_still_and_in_rough_air(gust: float) -> None:
     scores = []
     for seed in range(4):

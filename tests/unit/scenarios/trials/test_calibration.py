@@ -57,6 +57,7 @@ def test_the_loss_is_that_of_what_is_right() -> None:
     assert loss([statement(behind, "")], mine) == pytest.approx(-np.log(0.1))
 
 
+@pytest.mark.slow
 def test_a_calibration_is_found_again_from_its_claims_each_ground_with_its_own() -> None:
     rng = np.random.default_rng(7)
     claims = [*drawn(rng, 600, 2.5, 0.15), *drawn(rng, 600, 0.5, 0.02, Ground.CROSS_VALIDATED)]

@@ -65,6 +65,7 @@ def noisy(count: int, records: int) -> list[Figure]:
     return figures
 
 
+@pytest.mark.slow
 def test_four_long_records_make_a_page_below_its_limit() -> None:
     drawn = [page_svg(figure, f"fit_{number}") for number, figure in enumerate(noisy(8000, 4))]
     assert 100_000 < sum(map(len, drawn)) < MOST

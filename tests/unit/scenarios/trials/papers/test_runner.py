@@ -26,6 +26,7 @@ def without_time(text: str) -> list[dict]:
     return [{key: value for key, value in json.loads(line).items() if key != "seconds"} for line in text.splitlines()]
 
 
+@pytest.mark.slow
 def test_lines_are_the_same_for_any_number_of_workers(loop: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for jobs in (1, 2):
         assert main(["20", "2", "--jobs", str(jobs), "--out", str(tmp_path / f"{jobs}.jsonl")]) == 0
