@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
@@ -16,6 +17,7 @@ from scenarios.api.shown.report import write_report
 from scenarios.api.study import Settings, changes_of, seed_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
+from scenarios.studies.campaign_statistics.statistics import CampaignStatistics, campaign_statistics
 from scenarios.studies.catalogue import IDENTIFICATION, load_document, scenario_kind
 from scenarios.studies.runs.work import Rebuilt
 from scenarios.tasks.manner import Manner
@@ -67,6 +69,21 @@ class Campaign:
         rows = [{name: getattr(each, name) for name in COLUMNS} for each in spreads]
         return pandas.DataFrame(rows, columns=list(COLUMNS), index=pandas.Index([each.name for each in spreads], name="parameter"))
 
+    def statistics(self) -> pandas.DataFrame:
+        """One row a parameter, SI: what ``statistics.csv`` holds. Bias, scatter over the reported sigma, coverage at one, two and three sigmas, each
+        with its interval; the Cramer-Rao bound and the efficiency."""
+        import io
+
+        import pandas
+
+        from scenarios.studies.campaign_statistics.content import statistics_csv
+
+        return pandas.read_csv(io.StringIO(statistics_csv(self._statistics)), index_col="parameter")
+
+    @cached_property
+    def _statistics(self) -> CampaignStatistics:
+        return campaign_statistics(self.details)
+
     def estimates(self) -> pandas.DataFrame:
         """One row a run: its seed, each estimate and its ``std_NAME``."""
         import pandas
@@ -81,13 +98,13 @@ class Campaign:
         from scenarios.studies.campaign_text import print_campaign
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_campaign(self.details, out, KEPT))
+        return as_text(lambda out: print_campaign(self.details, out, KEPT, self._statistics))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
         from scenarios.studies.campaign_text import write_campaign
 
-        return write_campaign(self.details, Path(folder))
+        return write_campaign(self.details, self._statistics, Path(folder))
 
     @property
     def _title(self) -> str:

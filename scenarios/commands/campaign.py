@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.studies.campaign import fly_campaign
+from scenarios.studies.campaign_statistics.statistics import campaign_statistics
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.runs.work import Rebuilt
@@ -105,9 +106,10 @@ def _run(
     with named_after(again.where), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
     out = manner.out
-    print_campaign(campaign, details=details_in(out))
+    statistics = campaign_statistics(campaign)
+    print_campaign(campaign, details=details_in(out), statistics=statistics)
     if out is not None:
-        write_campaign(campaign, out, figures=figures)
+        write_campaign(campaign, statistics, out, figures=figures)
         print(written_to(out))
     if len(campaign.seeds) < campaign.asked:
         raise stopped(len(campaign.seeds), campaign.asked, "runs", out)

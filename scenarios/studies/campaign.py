@@ -50,6 +50,7 @@ class Campaign:
     ``kept`` ``(N,)`` : which of them are sound. ``broken`` runs are left out, ``failures`` tells by what; ``asked`` is how many runs it was to be.
     ``nees`` ``(M,)`` : normalised estimation error squared of all parameters together, NaN where there is none. ``nis``, ``degrees``
     ``(M,)`` : sum of the normalised innovations squared and of how many measured numbers that is, zero where the method has none.
+    ``work`` made the runs; ``columns`` ``(M,)`` are all that their rows hold.
     """
 
     scenario: Scenario
@@ -66,6 +67,8 @@ class Campaign:
     nees: np.ndarray
     nis: np.ndarray
     degrees: np.ndarray
+    work: EstimatorRuns
+    columns: Mapping[str, np.ndarray]
     failures: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -127,9 +130,9 @@ def campaign_of(work: EstimatorRuns, table: Table, root: int) -> Campaign:
     pooled = _pooled((values - np.array([[reference[name]] for name in names])) / std)
     nees, nis, degrees = (columns[name][kept].astype(float) for name in ("nees", "nis", "degrees"))
     seeds = columns["seed"]
-    return Campaign(
-        work.seen, estimation, root, seeds, names, values, std, kept, spreads, pooled, table.asked, nees, nis, degrees.astype(int), failures
-    )
+    sound = {name: column[kept] for name, column in columns.items()}
+    weighed = nees, nis, degrees.astype(int)
+    return Campaign(work.seen, estimation, root, seeds, names, values, std, kept, spreads, pooled, table.asked, *weighed, work, sound, failures)
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:

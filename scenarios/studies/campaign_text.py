@@ -17,6 +17,9 @@ from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_statistics.content import statistics_content, statistics_csv
+from scenarios.studies.campaign_statistics.statistics import CampaignStatistics
+from scenarios.studies.campaign_statistics.text import print_statistics
 from scenarios.studies.report.campaign import campaign_page
 from scenarios.terminal.display_units import shown_in, unit_cell
 from scenarios.terminal.numbers import console, number
@@ -24,8 +27,8 @@ from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
 
 
-def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW) -> None:
-    """A summary, the table of all parameters, and how many runs broke down."""
+def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW, statistics: CampaignStatistics | None = None) -> None:
+    """A summary, the table of all parameters, its statistics where they are given, and how many runs broke down."""
     terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs from seed {campaign.root}, {campaign.estimation.label}"
@@ -41,13 +44,14 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     shares = [
         Column("within 2 sigma", [f"{100 * s.within_two:.1f} %" for s in spreads]),
         Column("95 % interval", [f"{100 * s.interval[0]:.1f} to {100 * s.interval[1]:.1f} %" for s in spreads]),
-        Column("in 1 sigma", [f"{100 * s.within_one:.1f} %" for s in spreads]),
     ]
     pooled, low_high = campaign.pooled, " to ".join(f"{100 * end:.1f}" for end in campaign.pooled.interval)
     settled = f"{len(seeds) - campaign.broken} of {len(seeds)} runs settled"
     result = f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 sigma {100 * pooled.within_one:.1f} %"
     print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
+    if statistics is not None:
+        print_statistics(statistics, terminal)
     if campaign.broken:
         terminal.print(broken_words(campaign))
 
@@ -65,8 +69,8 @@ def _shown(s: Spread) -> Spread:
     return replace(s, unit=unit, **sizes)
 
 
-def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -> Path:
-    """Write ``campaign.json``, ``estimates.csv``, the figure ``campaign`` and the page into the folder ``out``, whole or not at all; returns it."""
+def write_campaign(campaign: Campaign, statistics: CampaignStatistics, out: Path, *, figures: Formats = USUAL) -> Path:
+    """Write ``campaign.json``, ``statistics.csv``, ``estimates.csv``, figures and the page into ``out``, whole or not at all; returns it."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -74,14 +78,15 @@ def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -
         sound = campaign.seeds[campaign.kept].tolist()
         for seed, value, std in zip(sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)])
+        (scratch / "statistics.csv").write_text(statistics_csv(statistics), encoding="utf-8")
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page
             from scenarios.studies.figures import campaign_figures
 
-            drawn = drawn_for_page(campaign_figures(campaign), scratch, figures)
-        write_page(scratch, campaign_page(campaign, drawn))
+            drawn = drawn_for_page(campaign_figures(campaign, statistics), scratch, figures)
+        write_page(scratch, campaign_page(campaign, statistics, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,
@@ -97,6 +102,7 @@ def write_campaign(campaign: Campaign, out: Path, *, figures: Formats = USUAL) -
                 "within_two_sigma": campaign.pooled.within_two,
                 "interval": list(campaign.pooled.interval),
             },
+            "statistics": statistics_content(statistics),
             "versions": versions(),
         }
         write_json(scratch / "campaign.json", content)

@@ -18,6 +18,8 @@ from scenarios.plots.signals import Response, figure_fit, figure_record, respons
 from scenarios.plots.studies.campaign import Coverage, figure_campaign
 from scenarios.plots.studies.determination import DeterminedBy, figure_determination
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_statistics.figures import statistics_figures
+from scenarios.studies.campaign_statistics.statistics import CampaignStatistics
 from scenarios.studies.declaration import Start
 from scenarios.studies.determination.determine import MethodDetermination
 from scenarios.studies.study import MethodResult, Study
@@ -76,13 +78,14 @@ def study_figures(study: Study) -> Iterator[Named]:
         yield "equivalents", partial(figure_equivalents, _equivalents(study), title)
 
 
-def campaign_figures(campaign: Campaign) -> Iterator[Named]:
-    """The figure of a campaign: errors of all runs, and how often their intervals hold the reference."""
+def campaign_figures(campaign: Campaign, statistics: CampaignStatistics) -> Iterator[Named]:
+    """The figures of a campaign: errors of all runs and how often their intervals hold the reference, and those of its statistics."""
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     sigmas = (campaign.values - reference) / campaign.std
     rows = [_coverage(spread, each) for spread, each in zip(campaign.spreads, sigmas, strict=True)]
     title = f"{campaign.scenario.title}\n{campaign.estimation.label}: {sigmas.shape[1]} runs"
     yield "campaign", partial(figure_campaign, [*rows, _coverage(campaign.pooled, sigmas.ravel())] if len(rows) > 1 else rows, title)
+    yield from statistics_figures(statistics, title)
 
 
 def _coverage(spread: Spread, sigmas: np.ndarray) -> Coverage:

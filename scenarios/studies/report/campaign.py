@@ -11,12 +11,14 @@ from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_statistics.page import statistics_blocks
+from scenarios.studies.campaign_statistics.statistics import CampaignStatistics
 from scenarios.terminal.numbers import number
 
 TWO_SIGMA = 0.9545  # of a normal distribution
 
 
-def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
+def campaign_page(campaign: Campaign, statistics: CampaignStatistics, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a campaign with the figures ``drawn``."""
     scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
     low, high = pooled.interval
@@ -39,7 +41,7 @@ def campaign_page(campaign: Campaign, drawn: Sequence[Drawn] = ()) -> Page:
         warnings=tuple(sentence(line) for line in (broken,) if line),
         sections=(
             *section("Bias and scatter", *_sizes(campaign)),
-            *section("Coverage", _shares((*campaign.spreads, pooled))),
+            *section("Whether the sigmas are right", *statistics_blocks(statistics)),
             *section("Figures", *figures(drawn)),
             *section(
                 "How it was made", Prose(f"Truth and model: {scenario.distance}. Each run has a seed of its own; flightid run with it repeats one.")
@@ -65,13 +67,3 @@ def _size(s: Spread, count: int) -> tuple[Cell, ...]:
 def _of_two(value: float) -> Cell:
     """A deviation with two digits."""
     return Number(value, shown=number(value, value))
-
-
-def _shares(spreads: Sequence[Spread]) -> Table:
-    headings = Column("parameter"), *(Column(each, "%") for each in ("within two sigmas", "from (95 %)", "to", "within one sigma"))
-    rows = tuple(_share(s) for s in spreads)
-    return Table("Share of the runs whose interval holds the reference", headings, rows)
-
-
-def _share(s: Spread) -> tuple[Cell, ...]:
-    return s.name, *(Number(100.0 * share, digits=1) for share in (s.within_two, *s.interval, s.within_one))

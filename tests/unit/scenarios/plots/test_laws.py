@@ -15,6 +15,7 @@ from scenarios.diagnosis.report.files import pictured
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.low_order import Bar, LikelihoodCurve, figure_delays, figure_peaks, figure_side_by_side, figure_states
 from scenarios.plots.studies.campaign import Coverage, figure_campaign
+from scenarios.plots.studies.consistency import CoverageRow, SquaresPanel, figure_coverage, figure_errors, figure_squares
 from scenarios.plots.studies.determination import DeterminedBy, figure_determination
 from scenarios.plots.studies.side_by_side import (
     ParameterColumn,
@@ -60,6 +61,7 @@ UNITS = {"Cm_q": "1/rad", "natural_frequency": "rad/s"}
 BARS = {"L_alpha": Bar(-2.06, 0.02, "1/s"), "L_delta": Bar(1e-4, 3e-4, "1/s"), "natural_frequency": Bar(4.7, 0.1, "rad/s")}
 CURVE = LikelihoodCurve(np.linspace(0.0, 0.2, 9), -(np.linspace(-3.0, 3.0, 9) ** 4), 0.1, 0.1, 0.107, 0.002)
 BY = DeterminedBy("output error", {"CL_alpha": 0.1, "Cm_q": 0.4}, {"CL_alpha": 0.2, "Cm_q": 0.7}, np.array([30.0, 0.2]), 1)
+COVERED = CoverageRow("Cm_q", ((66.0, 60.0, 72.0), (95.0, 93.0, 97.0), (98.0, 97.0, 99.0)))
 OTHERS: dict[str, Callable[[], Figure]] = {
     "campaign": lambda: _sweep(np.random.default_rng(1)),
     "compared_estimates": lambda: figure_studies_estimates(COLUMNS, UNITS, ["one", "a study with a very long name of its own"], "studies"),
@@ -68,6 +70,11 @@ OTHERS: dict[str, Callable[[], Figure]] = {
     "side_by_side": lambda: figure_side_by_side(BARS, BARS, "flown", "this study", "two estimates"),
     "delays": lambda: figure_delays(CURVE, "delays"),
     "variants": lambda: figure_peaks([("as declared", 12.0), ("a variant with a long name", -3.0)], "final peak of q (%)", "variants"),
+    "coverage": lambda: figure_coverage([COVERED] * 3, [68.3, 95.4, 99.7], "coverage"),
+    "normality": lambda: figure_errors(("CL_alpha", "Cm_q"), np.random.default_rng(1).normal(0.0, [[1.0], [1.6]], (2, 300)), "errors"),
+    "consistency": lambda: figure_squares(
+        [SquaresPanel(name, np.random.default_rng(1).chisquare(dof, 200) / dof, dof) for name, dof in (("NEES", 6.0), ("NIS", 800.0))], "squares"
+    ),
     "determination": lambda: figure_determination([BY, replace(BY, label="filter")], "determination"),
 }
 
