@@ -1,0 +1,1 @@
+"""How long it takes: scripts, and the comparison with peers."""
