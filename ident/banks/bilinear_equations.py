@@ -1,6 +1,6 @@
 """A stretch of a pass for bilinear equations under held inputs: the same filters as `ident.banks.any_equations`, several times faster.
 
-Values and Jacobians of all runs come from one matrix product (`ident.banks.bilinear_table`); a Runge-Kutta step of equations that are affine in
+Values and Jacobians of all runs come from one matrix product (`ident.filters.bilinear_table`); a Runge-Kutta step of equations that are affine in
 the states, under an input that is held, is four terms of a Taylor series, whose first two give the fundamental matrix of three terms
 as well; and every product lands in room that is made once a stretch, for at this size a call costs more than its arithmetic.
 """
@@ -15,17 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ident.banks.any_equations import leave_out
-from ident.banks.bilinear_table import Bilinear, bilinear
 from ident.banks.runs import BankRuns, BankTrace, March, Stretch
+from ident.filters.bilinear_table import Bilinear, held_within_steps, system_tables
 from ident.filters.ekf import FilterSettings
-from ident.filters.problem import FilterProblem, with_free
+from ident.filters.problem import FilterProblem
 from ident.filters.transition import Taylor
 from sim.declaration.system import System
-from sim.propagation.grid import Drive
 from sim.propagation.integrate import rk4_step
 
 _SERIES = Taylor(3)  # the fundamental matrix that is made here
-_NO_TIME: Any = object()  # equations that ask what time it is fail on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,28 +59,21 @@ def tables_of(system: System, p: Sequence[Any], density: np.ndarray, variance: n
     ``density (n,)`` as in ``FilterProblem``. None also for equations that ask for the time, for parameters that are random walks, and
     for a held parameter of several values that acts anywhere but on the input path.
     """
-    free, n_x, n_u = [system.parameters.index(name) for name in system.parameters.free_names], len(system.states), len(system.inputs)
-    n = n_x + len(free)
+    n_x = len(system.states)
     if np.any(density[n_x:]):
         return None
-
-    def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-        # Several values of a held parameter do not go with the points' axes, unless they are not used.
-        return w[:n_x], w[n:], with_free([_apart(value) for value in p], free, w[n_x:n])
-
-    f = bilinear(lambda w: system.f(_NO_TIME, *split(w)), n, n_x, n_u)
-    h = None if f is None else bilinear(lambda w: system.h(_NO_TIME, *split(w)), n, n_x, n_u)
-    if f is None or h is None:
+    found = system_tables(system, p)
+    if found is None:
         return None
     driven, order = np.flatnonzero(density), np.arange(_SERIES.terms)
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the series.
     share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
-    return Tables(n, n_x, f, h, tuple(driven.tolist()), share, np.diag(np.asarray(variance, dtype=float)))
+    return Tables(found[0].n, n_x, *found, tuple(driven.tolist()), share, np.diag(np.asarray(variance, dtype=float)))
 
 
 def march_of_table(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March | None:
     """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask for `ident.banks.any_equations`."""
-    if settings.step is not rk4_step or settings.transition != _SERIES or not _held(runs.drive):
+    if settings.step is not rk4_step or settings.transition != _SERIES or not held_within_steps(runs.drive):
         return None
     tables = tables_of(problem.system, runs.p, problem.density, problem.variance)
     if tables is None:
@@ -224,16 +215,7 @@ def along(
     return out
 
 
-def _held(drive: Drive) -> bool:
-    """Whether the inputs do not change within a step."""
-    return all(a is b is c or (np.array_equal(a, b) and np.array_equal(a, c)) for a, b, c in zip(*drive.stages, strict=True))
-
-
 def _by_run(rows: Sequence[np.ndarray], count: int) -> np.ndarray:
     """Rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or ``(count, 1, rows)``."""
     parts = np.broadcast_arrays(*(np.asarray(row).reshape(count, -1) for row in rows))
     return np.stack(parts, axis=2)
-
-
-def _apart(value: Any) -> Any:
-    return float(np.asarray(value).reshape(())) if np.size(value) == 1 else np.asarray(value).reshape(-1, 1, 1)

@@ -14,7 +14,7 @@ from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.iterated import ITERATIONS, run_iterated_bank
 from ident.banks.single_filter import filter_alone
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, filter_record, run_ekf
+from ident.filters.ekf import SETTLED, FilterSettings, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import smooth
 from sim.declaration.system import System
@@ -38,8 +38,8 @@ class BankEngine:
 
 
 def run_one_by_one(record: Record, system: System, settings: FilterSettings | None = None, *, held: Mapping[str, np.ndarray]) -> BankEstimate:
-    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf``. Raises as it does."""
-    estimates = [run_ekf(record, each, settings) for each in _systems(system, held)]
+    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's passes. Raises as it does."""
+    estimates = [run_ekf(record, each, settings, by=filter_by_filterpy) for each in _systems(system, held)]
     return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
 
 
@@ -62,7 +62,7 @@ def run_iterated_one_by_one(
     settled, passes = np.zeros(count, dtype=bool), 0
     while True:
         passes += 1
-        found = [filter_record(problem, settings, about=point) for problem, point in zip(problems, points, strict=True)]
+        found = [filter_by_filterpy(problem, settings, about=point) for problem, point in zip(problems, points, strict=True)]
         sound = np.array([each.outcome is Outcome.CONVERGED for each in found])
         # A filter that broke down is linearised at its start, as in the batched bank.
         points = [
@@ -82,7 +82,7 @@ def run_iterated_one_by_one(
 def alone_by_filterpy(record: Record, system: System, settings: FilterSettings | None = None, about: np.ndarray | None = None) -> Estimate:
     """``filter_alone`` by filterpy: one pass, linearised about ``about (n, N)`` where given."""
     settings = settings or FilterSettings()
-    return filter_record(filter_problem(record, system, settings.max_step), settings, about=about)
+    return filter_by_filterpy(filter_problem(record, system, settings.max_step), settings, about=about)
 
 
 BATCHED = BankEngine(run_bank, run_iterated_bank, filter_alone)

@@ -1,4 +1,4 @@
-"""One filter with its whole history, by the bank's engine: equal to `ident.filters.ekf.filter_record` to rounding and many times faster."""
+"""One filter with its whole history, by its table or the bank's engine: equal to filterpy's to rounding and many times faster."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ident.banks.bank import bank_runs
 from ident.banks.one_pass import run_pass, worth
 from ident.banks.runs import BankTrace, empty_trace
 from ident.estimate import Estimate, FilterHistory, Outcome
-from ident.filters.ekf import FilterSettings, filter_record
+from ident.filters.ekf import FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import FilterProblem, with_free
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
@@ -20,7 +20,7 @@ def filter_alone(record: Record, system: System, settings: FilterSettings | None
     """One pass of one filter with everything a smoother or a report asks for.
 
     ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate. A filter that breaks
-    down is left to ``filter_record``, which says how.
+    down is left to ``filter_by_filterpy``, which says how.
 
     Raises
     ------
@@ -28,10 +28,13 @@ def filter_alone(record: Record, system: System, settings: FilterSettings | None
     """
     settings = settings or FilterSettings()
     problem, runs = bank_runs(record, system, settings)
+    by_table = filter_by_table(problem, settings, about=about)
+    if by_table is not None:
+        return by_table
     trace = empty_trace(problem, 1)
     result = run_pass(problem, settings, runs, False, None if about is None else about[:, :, None], trace)
     if not result.sound[0]:
-        return filter_record(problem, settings, about=about)
+        return filter_by_filterpy(problem, settings, about=about)
     history, fitted = _history(problem, trace, about)
     n_x = len(system.states)
     names = problem.names[n_x:]

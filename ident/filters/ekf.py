@@ -3,7 +3,8 @@
 Continuous dynamics, discrete measurements (eqs. 1-16 of the simulated-flight-data paper, eqs. 12-22 of
 NASA TM-101722): free parameters are states with zero rate; the mean is integrated, the covariance moves
 with a fundamental matrix whose F is held over a step, the update is Joseph's. Missing samples are left
-out channel by channel; sampling may be uneven.
+out channel by channel; sampling may be uneven. Equations that have a table (`ident.filters.table_equations`) are
+filtered by it, with the same numbers to rounding.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.history import HistoryKeeper, breakdown
+from ident.filters.history import HistoryKeeper, breakdown, empty_history, finished
+from ident.filters.one_record import filter_one
 from ident.filters.problem import FilterProblem, filter_problem, with_free
+from ident.filters.table_equations import table_equations
 from ident.filters.transition import Taylor, Transition, log_gaussian
 from sim.declaration.system import System
 from sim.maths.elementary import complex_step_jacobian, jacobian_in_one_call
@@ -25,6 +28,7 @@ from sim.propagation.integrate import Step, rk4_step
 from sim.record import Record
 
 SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
+OnePass = Callable[..., Estimate]
 _FEW = 6  # states and parameters below which column by column is the cheaper Jacobian
 
 
@@ -48,7 +52,7 @@ class FilterSettings:
     passes: int = 1
 
 
-def run_ekf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
+def run_ekf(record: Record, system: System, settings: FilterSettings | None = None, *, by: OnePass | None = None) -> Estimate:
     """Estimate states and free parameters by an extended Kalman filter.
 
     Parameters
@@ -56,6 +60,7 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     record : measured data; outputs that the System does not know are ignored.
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
+    by : what runs a pass, ``filter_record`` when None; ``filter_by_filterpy`` is the same filter by filterpy alone, whatever the equations.
 
     Returns
     -------
@@ -66,15 +71,15 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
     ------
     ModelError : no common output, an undeclared noise level or prior.
     """
-    settings = settings or FilterSettings()
+    settings, one_pass = settings or FilterSettings(), by or filter_record
     problem = filter_problem(record, system, settings.max_step)
-    estimate = filter_record(problem, settings)
+    estimate = one_pass(problem, settings)
     n_x = len(system.states)
     for done in range(1, settings.passes):
         if estimate.outcome is not Outcome.CONVERGED:
             break
         start = np.concatenate([problem.start[:n_x], estimate.values])
-        again = filter_record(problem, settings, start)
+        again = one_pass(problem, settings, start)
         moved = np.max(np.abs(again.values - estimate.values) / np.maximum(estimate.std, np.finfo(float).tiny), initial=0.0)
         estimate = replace(again, iterations=done + 1)
         if moved < SETTLED:
@@ -85,8 +90,29 @@ def run_ekf(record: Record, system: System, settings: FilterSettings | None = No
 def filter_record(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
     """One pass of the filter over a prepared problem, from ``start (n,)`` when given.
 
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate.
+    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own estimate. By the table of the
+    equations where they have one; a filter that breaks down is left to filterpy's, which says how.
     """
+    return filter_by_table(problem, settings, start, about) or filter_by_filterpy(problem, settings, start, about)
+
+
+def filter_by_table(
+    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+) -> Estimate | None:
+    """``filter_record`` by the table of its equations, equal to filterpy's to rounding; None where they have none, or the filter broke down."""
+    equations = table_equations(problem, settings.step, settings.transition)
+    if equations is None:
+        return None
+    kept = empty_history(problem)
+    with np.errstate(all="ignore"):
+        sound = filter_one(problem, equations, problem.start if start is None else start, about, kept)
+        return finished(problem, kept, "ekf") if sound else None
+
+
+def filter_by_filterpy(
+    problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None
+) -> Estimate:
+    """``filter_record`` by filterpy's filter, whatever the equations."""
     from filterpy.kalman import ExtendedKalmanFilter
 
     grid, n = problem.grid, len(problem.names)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
 from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
 from ident.filters.problem import FilterProblem
+
+LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 
 def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
@@ -60,7 +65,6 @@ class HistoryKeeper:
     def estimate(self, method: str, outcome: Outcome) -> Estimate:
         """The estimate after the last sound sample."""
         problem, last, N = self._problem, self._last, len(self._problem.time)
-        n_x = len(problem.system.states)
         final_mean = self._mean[:, last] if last >= 0 else problem.start
         final_covariance = self._covariance[last] if last >= 0 else problem.covariance
         for k in range(last + 1, N):
@@ -89,18 +93,88 @@ class HistoryKeeper:
             self._sensitivity,
             self._innovation_covariance,
         )
-        names = problem.names[n_x:]
-        return Estimate(
-            method,
-            names,
-            tuple(problem.system.parameters[name].unit for name in names),
-            final_mean[n_x:].copy(),
-            final_covariance[n_x:, n_x:].copy(),
-            outcome,
-            float(self._log_likelihood.sum()),
-            problem.system.output_names,
-            np.sqrt(problem.variance),
-            (self._outputs,),
-            history,
-            message="" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s",
-        )
+        message = "" if outcome is Outcome.CONVERGED else f"at {problem.time[min(last + 1, N - 1)]:g} s"
+        return replace(_estimate(problem, method, outcome, final_mean, final_covariance, self._outputs, history), message=message)
+
+
+class Kept(NamedTuple):
+    """What a pass writes while it runs, the sample first: means ``(N, n)`` and covariances ``(N, n, n)`` before and after each update, the
+    transition to it, innovations ``(N, m)`` with ``S (N, m, m)``, sensitivities ``(N, m, n)`` and expected outputs ``(N, m)``."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    predicted_mean: np.ndarray
+    predicted_covariance: np.ndarray
+    transition: np.ndarray
+    innovation: np.ndarray
+    S: np.ndarray
+    sensitivity: np.ndarray
+    outputs: np.ndarray
+
+
+def empty_history(problem: FilterProblem) -> Kept:
+    """Room for a pass; transitions are the identity."""
+    n, (m, N) = len(problem.names), problem.valid.shape
+    whole, mean, output = (N, n, n), (N, n), (N, m)
+    transition = np.array(np.broadcast_to(np.eye(n), whole), order="C")
+    arrays = (np.empty(mean), np.empty(whole), np.empty(mean), np.empty(whole), transition, np.empty(output), np.empty((N, m, m)))
+    return Kept(*arrays, np.empty((N, m, n)), np.empty(output))
+
+
+def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None:
+    """The estimate of a pass that went through; None where a number is not finite, or a variance negative, by the rules of ``breakdown``."""
+    variance = np.diagonal(kept.covariance, axis1=1, axis2=2)
+    if not all(each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in kept) or variance.min(initial=0.0) < 0.0:
+        return None
+    try:
+        root = np.linalg.cholesky(kept.S)
+    except np.linalg.LinAlgError:
+        return None
+    # A channel that is missing has zero in y and one in S, which adds nothing.
+    nis = np.square(np.linalg.solve(root, kept.innovation[:, :, None])[:, :, 0]).sum(axis=1)
+    if not np.all(nis < LARGEST):
+        return None
+    degrees = np.count_nonzero(problem.valid, axis=0)
+    log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    for P in (kept.predicted_covariance, kept.covariance):
+        np.add(P, P.transpose(0, 2, 1), out=P)
+        np.multiply(P, 0.5, out=P)
+    history = FilterHistory(
+        problem.time,
+        problem.names,
+        kept.mean.T.copy(),
+        np.sqrt(variance.T),
+        kept.innovation.T.copy(),
+        np.sqrt(np.diagonal(kept.S, axis1=1, axis2=2).T),
+        problem.valid.copy(),
+        log_likelihood,
+        nis,
+        degrees,
+        kept.predicted_mean.T.copy(),
+        kept.predicted_covariance,
+        kept.covariance,
+        kept.transition,
+        kept.sensitivity,
+        kept.S,
+    )
+    return _estimate(problem, method, Outcome.CONVERGED, kept.mean[-1], kept.covariance[-1], kept.outputs.T.copy(), history)
+
+
+def _estimate(
+    problem: FilterProblem, method: str, outcome: Outcome, mean: np.ndarray, covariance: np.ndarray, fitted: np.ndarray, history: FilterHistory
+) -> Estimate:
+    n_x = len(problem.system.states)
+    names = problem.names[n_x:]
+    return Estimate(
+        method,
+        names,
+        tuple(problem.system.parameters[name].unit for name in names),
+        mean[n_x:].copy(),
+        covariance[n_x:, n_x:].copy(),
+        outcome,
+        float(history.log_likelihood.sum()),
+        problem.system.output_names,
+        np.sqrt(problem.variance),
+        (fitted,),
+        history,
+    )

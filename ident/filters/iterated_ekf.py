@@ -14,20 +14,23 @@ from dataclasses import replace
 import numpy as np
 
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, filter_record
+from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_record
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import SmoothedHistory, smooth
 from sim.declaration.system import System
 from sim.record import Record
 
 
-def run_iterated_ekf(record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15) -> Estimate:
+def run_iterated_ekf(
+    record: Record, system: System, settings: FilterSettings | None = None, iterations: int = 15, *, by: OnePass = filter_record
+) -> Estimate:
     """Estimate states and free parameters by a filter that is linearised anew about its own smoothed result.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its sigma.
+    by : what runs a pass, as for ``run_ekf``.
 
     Returns
     -------
@@ -40,8 +43,8 @@ def run_iterated_ekf(record: Record, system: System, settings: FilterSettings | 
     """
     settings = settings or FilterSettings()
     problem = filter_problem(record, system, settings.max_step)
-    first = filter_record(problem, settings)
-    return settled(first, lambda done: filter_record(problem, settings, about=done.mean), iterations)
+    first = by(problem, settings)
+    return settled(first, lambda done: by(problem, settings, about=done.mean), iterations)
 
 
 def settled(estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int) -> Estimate:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ident.banks.bank import BankEstimate, run_bank
 from ident.estimate import Outcome
-from ident.filters.ekf import FilterSettings, run_ekf
+from ident.filters.ekf import FilterSettings, filter_by_filterpy, run_ekf
 from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
@@ -39,7 +39,7 @@ def holed(record: Record, rng: np.random.Generator) -> Record:
 
 
 def assert_run_equals(bank: BankEstimate, run: int, record: Record, model: Model, how: FilterSettings) -> None:
-    single = run_ekf(record, compile_model(model, online=True), how)
+    single = run_ekf(record, compile_model(model, online=True), how, by=filter_by_filterpy)
     history = single.history
     assert history is not None
     assert bank.history is not None and bank.history_std is not None and bank.innovation is not None and bank.innovation_std is not None

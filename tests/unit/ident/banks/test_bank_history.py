@@ -9,7 +9,7 @@ import pytest
 
 from ident.banks.single_filter import filter_alone
 from ident.estimate import FilterHistory, Outcome
-from ident.filters.ekf import FilterSettings, filter_record
+from ident.filters.ekf import FilterSettings, filter_by_filterpy
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import smooth
 from tests import loes_problem as problem
@@ -22,7 +22,7 @@ def test_equal_to_the_single_filter(elsewhere: bool) -> None:
     system = replace(system, parameters=system.parameters.with_values({"delay": 0.11}))
     laid_out, settings = filter_problem(flown, system, np.inf), FilterSettings()
     about = np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown))) * laid_out.start[:, None] if elsewhere else None
-    found, expected = filter_alone(flown, system, settings, about), filter_record(laid_out, settings, about=about)
+    found, expected = filter_alone(flown, system, settings, about), filter_by_filterpy(laid_out, settings, about=about)
     assert (found.method, found.names, found.units, found.outcome, found.message) == (
         expected.method,
         expected.names,

@@ -9,7 +9,7 @@ import pytest
 
 from ident.banks.delays import run_delay_bank
 from ident.banks.engines import BATCHED, ENGINES, FILTERPY, agreement
-from ident.filters.ekf import filter_record, run_ekf
+from ident.filters.ekf import filter_by_filterpy, run_ekf
 from ident.filters.iterated_ekf import run_iterated_ekf
 from tests import loes_problem as problem
 
@@ -33,7 +33,7 @@ def test_filterpys_bank_is_its_filters_one_by_one() -> None:
     flown = problem.record(2, duration=1.4)
     system = problem.system(flown)
     held = replace(system, parameters=system.parameters.with_values({"delay": 0.125}))
-    alone, iterated = run_ekf(flown, held), run_iterated_ekf(flown, held)
+    alone, iterated = run_ekf(flown, held, by=filter_by_filterpy), run_iterated_ekf(flown, held, by=filter_by_filterpy)
     plain = FILTERPY.run(flown, system, None, held={"delay": np.array([0.125])})
     settled, _ = FILTERPY.iterated(flown, system, None, held={"delay": np.array([0.125])})
     assert (plain.log_likelihood[0], settled.log_likelihood[0]) == (alone.log_likelihood, iterated.log_likelihood)
@@ -59,9 +59,9 @@ def test_the_refined_delay_does_not_hang_on_the_engine(monkeypatch: pytest.Monke
 
     def counted(*arguments: object, **keywords: object) -> object:
         calls.append(1)
-        return filter_record(*arguments, **keywords)  # type: ignore[arg-type]
+        return filter_by_filterpy(*arguments, **keywords)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("ident.banks.engines.filter_record", counted)
+    monkeypatch.setattr("ident.banks.engines.filter_by_filterpy", counted)
     one, other = (run_delay_bank(flown, system, (0.1, 0.125, 0.15), widenings=0, engine=engine) for engine in ENGINES.values())
     assert len(calls) > 7, "filterpy's filters ran"
     assert other.refined == pytest.approx(one.refined, abs=1e-8) and other.refined_std == pytest.approx(one.refined_std, rel=1e-5)

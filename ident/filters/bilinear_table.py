@@ -13,10 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from ident.filters.problem import with_free
+from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
+from sim.propagation.grid import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
 _TRIALS, _AGREEMENT = 12, 1e-10
+_NO_TIME: Any = object()  # equations that ask what time it is fail on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,33 @@ def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear |
         except (ArithmeticError, TypeError, ValueError):
             return None
     return table
+
+
+def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear] | None:
+    """The tables of a System's ``f`` and ``h`` with its free parameters as states, at held values ``p``; None without, or where the time acts.
+
+    A held parameter of several values ``(B,)`` may act on the input path only: elsewhere there is no table.
+    """
+    free, n_x, n_u = [system.parameters.index(name) for name in system.parameters.free_names], len(system.states), len(system.inputs)
+    n = n_x + len(free)
+    # Several values of a held parameter do not go with the points' axes, unless they are not used.
+    held = [_apart(value) for value in p]
+
+    def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
+        return w[:n_x], w[n:], with_free(held, free, w[n_x:n])
+
+    f = bilinear(lambda w: system.f(_NO_TIME, *split(w)), n, n_x, n_u)
+    h = None if f is None else bilinear(lambda w: system.h(_NO_TIME, *split(w)), n, n_x, n_u)
+    return None if f is None or h is None else (f, h)
+
+
+def held_within_steps(drive: Drive) -> bool:
+    """Whether the inputs do not change within a step."""
+    return all(a is b is c or (np.array_equal(a, b) and np.array_equal(a, c)) for a, b, c in zip(*drive.stages, strict=True))
+
+
+def _apart(value: Any) -> Any:
+    return float(np.asarray(value).reshape(())) if np.size(value) == 1 else np.asarray(value).reshape(-1, 1, 1)
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
