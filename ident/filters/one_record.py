@@ -75,10 +75,7 @@ def filter_one(problem: FilterProblem, equations: Equations, start: np.ndarray, 
             expected += H @ (x - point)
         subtract(measured, expected, y)
         gone = missing.get(k)
-        if gone is not None:
-            whole = H.copy()
-            G[gone, :n] = G[gone, -1] = 0.0
-            W[n + gone, n + gone] = 1.0
+        whole = None if gone is None else _left_out(gone, G, W)
         if varying:
             kept.sensitivity[k] = H
         W_P[:] = P_before
@@ -93,13 +90,20 @@ def filter_one(problem: FilterProblem, equations: Equations, start: np.ndarray, 
         dot(BW, B_turned, P_after)
         subtract(x, B_last, mean)
         x[:], P = mean, P_after
-        if gone is not None:
-            H[:] = whole
-            W[noise, noise] = problem.variance
+        if whole is not None:
+            G[:], W[noise, noise] = whole, problem.variance
     kept.innovation[:] = np.where(problem.valid.T, z - kept.outputs, 0.0)
     if not varying:
         kept.sensitivity[:] = H * problem.valid.T[:, :, None]
     return True
+
+
+def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Make the channels ``gone`` ones that say nothing: no slopes, no innovation, one in S. Returns ``G`` as it was."""
+    n, whole = len(W) - len(G) - 1, G.copy()
+    G[gone, :n] = G[gone, -1] = 0.0
+    W[n + gone, n + gone] = 1.0
+    return whole
 
 
 def _prediction(

@@ -11,7 +11,7 @@ import pytest
 import ident.filters.ekf as ekf
 from ident.estimate import Estimate, FilterHistory, Outcome
 from ident.filters.ekf import FilterSettings, filter_by_filterpy, filter_by_table, run_ekf
-from ident.filters.problem import filter_problem
+from ident.filters.problem import FilterProblem, filter_problem
 from ident.filters.transition import Exponential, Taylor
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -50,13 +50,27 @@ def two_outputs(model: Model) -> System:
     return compile_model(model, ["alpha", "q"], online=True)
 
 
+def online() -> System:
+    return compile_model(rigid_start(), online=True)
+
+
+def fourteen() -> System:
+    return loes_problem.system(loes_problem.record(3))
+
+
+def by_table(problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None, about: np.ndarray | None = None) -> Estimate:
+    found = filter_by_table(problem, settings, start, about)
+    assert found is not None
+    return found
+
+
 CASES: dict[str, tuple[Callable[[], Record], Callable[[], System], FilterSettings]] = {
-    "rigid": (lambda: rigid_record(np.random.default_rng(1)), lambda: compile_model(rigid_start(), online=True), FilterSettings()),
+    "rigid": (lambda: rigid_record(np.random.default_rng(1)), online, FilterSettings()),
     "two outputs": (lambda: rigid_record(np.random.default_rng(2)), lambda: two_outputs(rigid_start()), FilterSettings()),
     "lost samples": (lambda: with_losses(rigid_record(np.random.default_rng(3))), lambda: two_outputs(rigid_start()), FilterSettings()),
     "lost, nz too": (
         lambda: with_losses(rigid_record(np.random.default_rng(4))),
-        lambda: compile_model(rigid_start(), online=True),
+        online,
         FilterSettings(),
     ),
     "sub-steps": (lambda: rigid_record(np.random.default_rng(5)), lambda: two_outputs(noisy_rigid()), FilterSettings(max_step=0.007)),
@@ -80,7 +94,7 @@ CASES: dict[str, tuple[Callable[[], Record], Callable[[], System], FilterSetting
     ),
     "fourteen states": (
         lambda: loes_problem.record(3, duration=2.4, gaps=True),
-        lambda: loes_problem.system(loes_problem.record(3)),
+        fourteen,
         FilterSettings(),
     ),
 }
@@ -115,7 +129,7 @@ def assert_equal(found: Estimate, expected: Estimate) -> None:
 def test_equal_to_filterpy(case: str) -> None:
     make_record, make_system, settings = CASES[case]
     record, system = make_record(), make_system()
-    found = run_ekf(record, system, settings, by=filter_by_table)
+    found = run_ekf(record, system, settings, by=by_table)
     assert_equal(found, run_ekf(record, system, settings, by=filter_by_filterpy))
     assert found.history is not None
     for P in (found.history.covariance, found.history.predicted_covariance):
@@ -142,7 +156,7 @@ def test_equal_about_a_trajectory(losses: bool, max_step: float) -> None:
 def test_an_aircraft_that_runs_away_keeps_its_covariance() -> None:
     record = rigid_record(np.random.default_rng(1), 8.0, 100.0, UNSTABLE)
     system = two_outputs(rigid_start(values=UNSTABLE))
-    found = run_ekf(record, system, by=filter_by_table)
+    found = run_ekf(record, system, by=by_table)
     assert_equal(found, run_ekf(record, system, by=filter_by_filterpy))
 
 
