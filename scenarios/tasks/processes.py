@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, TimeoutError, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver
@@ -59,7 +59,7 @@ class _Context(ForkServerContext):
     Process = _Process
 
 
-def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None) -> Iterator[list[Ended]]:
+def run_in_processes(work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None) -> Generator[list[Ended], None, None]:
     """As ``run_blocks``, by ``jobs`` processes, which are ended at once where the caller stops, fails or is interrupted.
 
     A process that dies takes no study with it: its block is given to another, once.

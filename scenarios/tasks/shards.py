@@ -57,7 +57,7 @@ class Shards:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None or issubclass(kind, KeyboardInterrupt):
+        if kind is None or issubclass(kind, KeyboardInterrupt | FlightidError):
             self.flush()
 
     def add(self, ended: Sequence[Ended]) -> None:

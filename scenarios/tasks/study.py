@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -72,12 +72,16 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
         if asked.resume:
             raise FlightidError("there is no folder to go on with", where="--resume", remedy="name the folder with --out")
         pieces: list[Columns] = []
-        _run(work, asked, np.arange(asked.count), lambda ended: pieces.append(columns_of(work, ended)), tell)
+        try:
+            _run(work, asked, np.arange(asked.count), lambda ended: pieces.append(columns_of(work, ended)), tell)
+        except FlightidError as error:
+            raise _cut_short(error, sum(len(piece["number"]) for piece in pieces), asked) from None
         return table_of(work, in_order(joined(all_columns(work), pieces), asked.count), asked.count)
     from scenarios.tasks.manifest import manifest_of
     from scenarios.tasks.shards import Shards, locked, missing
 
     folder, wanted = asked.folder, manifest_of(work, asked.root, asked.count)
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     shards: Shards | None = None
     try:
         with ExitStack() as stack:
@@ -86,8 +90,14 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
             _agree(wanted, asked, folder)
             shards = Shards(folder, work)
             left = missing(shards.read(asked.count), asked.count)
-            with shards:
-                _run(work, asked, left, shards.add, tell)
+            try:
+                with shards:
+                    _run(work, asked, left, shards.add, tell)
+            except FlightidError as error:
+                kept = len(shards.read(asked.count)["number"])
+                if not kept and not asked.resume:
+                    _take_away(folder, made)
+                raise _cut_short(error, kept, asked) from None
             columns = shards.read(asked.count)
             shards.compact()
     except OSError as error:
@@ -103,8 +113,12 @@ def _run(work: Work, asked: Asked, numbers: np.ndarray, keep: Callable[[list[End
     before = asked.count - len(numbers)
     done, since = 0, time.monotonic()
     tell(_stage(before, asked, 0.0), 0.0)
-    ways = _by_cluster if asked.cluster else _here
-    found = ways(work, Blocks(asked.root, grouped), asked)
+    blocks = Blocks(asked.root, grouped)
+
+    def say(words: str) -> None:
+        tell(f"{_stage(before + done, asked, 0.0)}; {words}", done / len(numbers))
+
+    found = _by_cluster(work, blocks, asked, say) if asked.cluster else _here(work, blocks, asked)
     try:
         for ended in found:
             keep(ended)
@@ -121,11 +135,34 @@ def _here(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], No
     yield from run_blocks(work, blocks, asked.jobs, asked.longest)
 
 
-def _by_cluster(work: Work, blocks: Blocks, asked: Asked) -> Generator[list[Ended], None, None]:
-    from scenarios.tasks.cluster import run_on_cluster  # type: ignore[import-not-found]
+def _by_cluster(work: Work, blocks: Blocks, asked: Asked, say: Callable[[str], None]) -> Generator[list[Ended], None, None]:
+    from scenarios.tasks.cluster import run_on_cluster
 
     assert asked.cluster is not None
-    yield from run_on_cluster(work, blocks, asked.cluster, asked.longest)
+    yield from run_on_cluster(work, blocks, asked.cluster, asked.longest, say)
+
+
+def _cut_short(error: FlightidError, ended: int, asked: Asked) -> FlightidError:
+    """What went wrong around the tasks, with what of them is kept."""
+    if not ended:
+        return error
+    if asked.folder is None:
+        what = f"{error.what}; the {ended} of {asked.count} {asked.unit} that had ended are lost, since no --out was given"
+        return FlightidError(what, where=error.where, remedy=error.remedy)
+    remedy = f"{error.remedy}, then go on with --resume" if error.remedy else "go on with --resume"
+    return FlightidError(f"{error.what}; {ended} of {asked.count} {asked.unit} are kept in {asked.folder}", where=error.where, remedy=remedy)
+
+
+def _take_away(folder: Path, made: Sequence[Path]) -> None:
+    """Leave no trace of a study that could not begin: its manifest and lock, and the folders ``made`` for it, innermost first."""
+    from scenarios.tasks.manifest import MANIFEST
+    from scenarios.tasks.shards import LOCK
+
+    with suppress(OSError):
+        (folder / MANIFEST).unlink(missing_ok=True)
+        (folder / LOCK).unlink(missing_ok=True)
+        for each in made:
+            each.rmdir()
 
 
 def _agree(wanted: Mapping[str, Any], asked: Asked, folder: Path) -> None:

@@ -72,6 +72,21 @@ class Threads(Toy):
         return [{"threads": max(each["num_threads"] for each in threadpoolctl.threadpool_info())} for _ in tasks]
 
 
+class Loads(Toy):
+    """Which process works, and how often the work was unpickled in it."""
+
+    columns: ClassVar[Mapping[str, str]] = {"process": "int", "loads": "int"}
+    loads: ClassVar[int] = 0
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        type(self).loads += 1
+
+    def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
+        time.sleep(self.pause)
+        return [{"process": os.getpid(), "loads": self.loads} for _ in tasks]
+
+
 def row_of(task: Task) -> Row:
     """The row of a task, by which any table can be checked."""
     draws = np.random.default_rng(task.seed).normal(size=2)

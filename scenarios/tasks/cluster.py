@@ -1,0 +1,222 @@
+"""Blocks of tasks on the workers of a Dask cluster that is there already; results come back as they are ready."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import pickle
+import queue
+import threading
+import time
+import uuid
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from scenarios.files.versions import versions
+from scenarios.tasks.running import failed_by_circumstance
+from scenarios.tasks.work import Ended, Task, Work
+from sim.errors import FlightidError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+FLAG = "--cluster"
+INSTALL = 'pip install "flightid[cluster]"'
+START = "start one with dask scheduler, and give the address that it prints"
+REACHED = 6.0  # s in which a scheduler has to answer
+LOOK = 2.0  # s between looks whether the scheduler lives and how many workers it has
+POLL = 0.01  # s between looks for what has ended
+AHEAD = 3  # blocks on their way for each thread of a worker: none waits for work, and memory is bounded
+FEWEST = 4  # blocks on their way while there are no workers yet
+PARTING = 1.0  # s that taking leave may take
+
+
+def run_on_cluster(
+    work: Work,
+    blocks: Sequence[Sequence[Task]],
+    address: str,
+    longest: float | None = None,
+    say: Callable[[str], None] = lambda words: None,
+) -> Generator[list[Ended], None, None]:
+    """As ``run_blocks``, by the workers of the Dask scheduler at ``address``; ``say`` is told what it waits for.
+
+    The work is sent once to each worker. A block whose worker dies is run by another, until Dask gives it up; then that is recorded.
+
+    Raises
+    ------
+    FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the flightid that is here.
+    """
+    if not len(blocks):
+        return
+    with _connected(address) as client:
+        yield from _streamed(client, _Sending(client, work, longest), blocks, address, say)
+
+
+class _Given(NamedTuple):
+    """A block on its way."""
+
+    at: int
+    future: Future
+
+
+class _Sending:
+    """How a block is handed to the cluster.
+
+    What is sent is made of plain values and functions that are sent by value, so that the scheduler needs no flightid, and a worker that
+    has none can say so.
+    """
+
+    def __init__(self, client: Client, work: Work, longest: float | None) -> None:
+        self.client, self.longest = client, longest
+        self.token = f"flightid-{uuid.uuid4().hex}"
+
+        def loaded(content: bytes) -> bytes:
+            return content
+
+        def run(content: bytes, token: str, block: list[tuple[int, int]], longest: float | None, here: dict[str, str]) -> Any:
+            import socket
+
+            try:
+                from scenarios.tasks.cluster_worker import run_sent
+            except ImportError as error:
+                return f"the worker on {socket.gethostname()} has no flightid, or an older one ({error})"
+            return run_sent(content, token, block, longest, here)
+
+        # A task, not scattered data: if the workers that hold it die, the scheduler makes it again.
+        self._work = client.submit(loaded, pickle.dumps(work), key=f"{self.token}-work")
+        self._run = run
+
+    def __call__(self, at: int, block: Sequence[Task]) -> Future:
+        plain = [(task.number, task.seed) for task in block]
+        return self.client.submit(self._run, self._work, self.token, plain, self.longest, versions(), key=f"{self.token}-{at}", pure=False)
+
+
+def _streamed(
+    client: Client, send: _Sending, blocks: Sequence[Sequence[Task]], address: str, say: Callable[[str], None]
+) -> Generator[list[Ended], None, None]:
+    from distributed import as_completed
+
+    coming: Any = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
+    waiting: dict[str, _Given] = {}
+    given, window, looked = 0, FEWEST, -LOOK
+    while given < len(blocks) or waiting:
+        if time.monotonic() - looked > LOOK:
+            threads = _threads(client, address)
+            window, looked = max(FEWEST, AHEAD * threads), time.monotonic()
+            if not threads:
+                say("the cluster has no workers yet" if not given else "the cluster has no workers, waiting for some")
+        while given < len(blocks) and len(waiting) < window:
+            future = send(given, blocks[given])
+            waiting[str(future.key)] = _Given(given, future)
+            coming.add(future)
+            given += 1
+        batch = coming.next_batch(block=False)
+        if not batch:
+            time.sleep(POLL)
+        for future, result in batch:
+            to = waiting.pop(str(future.key))
+            ended = _ended(blocks[to.at], future, result, address)
+            future.release()
+            yield ended
+
+
+def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> list[Ended]:
+    """What came of a block; Dask's own failures are recorded as circumstances."""
+    if isinstance(result, str):
+        there = ", ".join(f"{name} {number}" for name, number in versions().items())
+        raise FlightidError(result, where=address, remedy=f"have the same on every worker as here: {there}")
+    if future.status == "finished":
+        return list(result)
+    if future.status != "error":
+        raise _lost(address)
+    error = future.exception(timeout=REACHED)
+    if type(error).__name__ == "KilledWorker":
+        return failed_by_circumstance(block, f"{error.allowed_failures + 1} workers died over it, the last {error.last_worker.address}")
+    return failed_by_circumstance(block, " ".join(f"{type(error).__name__}: {error}".split()))
+
+
+def _threads(client: Client, address: str) -> int:
+    """Threads of all workers. Raises FlightidError where the scheduler does not answer."""
+    scheduler = client.scheduler
+    if client.status != "running" or scheduler is None:
+        raise _lost(address)
+    try:
+        return sum(client.sync(scheduler.ncores, callback_timeout=REACHED).values())
+    except (OSError, TimeoutError):
+        raise _lost(address) from None
+
+
+def _lost(address: str) -> FlightidError:
+    return FlightidError("the scheduler no longer answers", where=address, remedy="start it again")
+
+
+@contextlib.contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """A client of the scheduler, quiet: what goes wrong is told in one line of ours. What it sent is given up when it leaves."""
+    try:
+        import dask
+        from distributed import Client
+    except ImportError:
+        raise FlightidError("Dask is not installed", where=FLAG, remedy=INSTALL) from None
+    settings = {"distributed.comm.timeouts.connect": REACHED, "distributed.admin.large-graph-warning-threshold": "1GiB"}
+    with _quiet(), dask.config.set(settings):
+        try:
+            kind = _kind(address)
+            client = Client(address, timeout=REACHED, set_as_default=False, name="flightid") if kind == "Scheduler" else None
+        except Exception as error:
+            raise FlightidError(f"no Dask scheduler answers ({_short(error)})", where=address, remedy=START) from None
+        if client is None:
+            raise FlightidError(f"this is a Dask {kind.lower()} and no scheduler", where=address, remedy=START)
+        try:
+            yield client
+        finally:
+            with contextlib.suppress(Exception):
+                client.close(timeout=PARTING)
+
+
+def _kind(address: str) -> str:
+    """What answers at an address: ``"Scheduler"``, ``"Worker"``, ... A client would wait for ever where something else listens there."""
+    from distributed.core import rpc
+
+    async def asked() -> str:
+        async with rpc(address, timeout=REACHED) as there:
+            return str((await there.identity())["type"])
+
+    async def in_time() -> str:
+        return await asyncio.wait_for(asked(), REACHED)
+
+    answer: queue.SimpleQueue[str | Exception] = queue.SimpleQueue()
+
+    def run() -> None:
+        try:
+            answer.put(asyncio.run(in_time()))
+        except Exception as error:
+            answer.put(error)
+
+    # In a thread, since in a notebook this one has a loop of its own; not waited for, so that Ctrl-C ends it.
+    threading.Thread(target=run, daemon=True).start()
+    found = answer.get()
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "tornado")]
+    loggers = [logger for logger in map(logging.getLogger, names) if not logger.disabled]
+    for logger in loggers:
+        logger.disabled = True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for logger in loggers:
+            logger.disabled = False
+
+
+def _short(error: Exception) -> str:
+    return " ".join(str(error).split())[:120] or f"none in {REACHED:g} s"
