@@ -16,7 +16,7 @@ from scenarios.studies.runs.work import Rebuilt
 from scenarios.tasks.manner import Manner, stopped
 from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import details_in, written_to
-from scenarios.trials.names import LOOP
+from scenarios.trials.names import EVERY, LOOP
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
@@ -53,16 +53,24 @@ def run_campaign(
     figures: Formats = USUAL,
     *,
     progress: bool = True,
+    effects: Sequence[str] | None = None,
 ) -> None:
     """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
 
-    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the table of the runs that had ended.
+    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the table of the runs that had ended. ``effects`` : of ``every-effect``.
     """
     from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind
+
+    refuse_effects(name, effects)
 
     kind = "" if name in LOOP else scenario_kind(name)
     if kind != IDENTIFICATION:
         refuse_method(method)
+    if name == EVERY:
+        from scenarios.commands.simulated.every_effect import every_effect_campaign
+
+        every_effect_campaign(runs, seed, effects, manner, changes, progress)
+        return
     if name in LOOP:
         from scenarios.commands.trials import run_trials
 
@@ -90,6 +98,13 @@ def refuse_method(method: str | None) -> None:
     """Raise DeclarationError where a method is named for what has one alone."""
     if method is not None:
         raise DeclarationError("this campaign has no methods to choose from", where="--method", remedy="leave it out")
+
+
+def refuse_effects(name: str | None, effects: Sequence[str] | None, only: int | None = None) -> None:
+    """Raise DeclarationError where effects, or one flight, are asked for of another campaign than ``every-effect``."""
+    for option, given in (("--effects", effects), ("--only", only)):
+        if given is not None and name != EVERY:
+            raise DeclarationError("this is of every-effect alone", where=option, remedy="leave it out")
 
 
 def _run(

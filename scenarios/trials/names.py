@@ -1,3 +1,4 @@
 """Names of the campaigns of the tracing loop itself, where the shell and the help find them at once."""
 
-LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers")
+EVERY = "every-effect"
+LOOP = ("false-alarms", "clean-models", "weak-effects", "random-papers", EVERY)

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 from scenarios.tasks.manner import Manner
 from scenarios.tasks.rows import Table
 from scenarios.tasks.study import Tell, run_study
-from scenarios.tasks.work import Row, Task
+from scenarios.tasks.work import Row, Task, Work
 
 FOUND, TAKEN, SECONDS = "found", "taken", "seconds"  # columns: what was found as JSON, the time of its diagnosis; the field that has it
 
@@ -79,6 +79,12 @@ def _plain(value: object) -> object:
     raise TypeError(f"a {type(value).__name__} in a result")
 
 
+class Flights(Work, Protocol):
+    """Work whose rows are read as what was found of each flight."""
+
+    def read(self, table: Table) -> list[Any]: ...
+
+
 @dataclass(frozen=True)
 class Flown:
     """Flights of a campaign that have ended: what was ``found`` of those that could be judged, ``failures`` by what the others ended.
@@ -116,7 +122,7 @@ class Flown:
         return {"seed": self.root, "runs": self.ended, **stopped, **({"failures": dict(self.failures)} if self.failures else {})}
 
 
-def fly_all(work: LoopFlights, runs: int, root: int, manner: Manner, tell: Tell = lambda stage, share: None) -> Flown:
+def fly_all(work: Flights, runs: int, root: int, manner: Manner, tell: Tell = lambda stage, share: None) -> Flown:
     """All flights of a campaign, or after Ctrl-C those that had ended.
 
     Raises

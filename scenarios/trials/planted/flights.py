@@ -61,10 +61,22 @@ def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
     flight, vehicle = scenario.flight, true_vehicle(scenario.flight)
     train = _fly(flight, flight.train, first, "train", validation=False)
     validate = _fly(flight, flight.validate, second, "validate", validation=True)
-    derivatives = {item.name: item.value for item in vehicle.parameters if item.free and item.name in _declared(scenario, vehicle.parameters.names)}
     hidden = {term.name: dict(term.values) for term in flight.hidden}
-    text = _own_text(scenario, vehicle) if flight.own is not None else _vehicle_text(scenario, _values(vehicle), derivatives)
-    return FlownTrace(train, validate, derivatives, hidden, dict(flight.noise_std), flight.step, text)
+    text = started_file(scenario, vehicle)
+    return FlownTrace(train, validate, _derivatives(scenario, vehicle), hidden, dict(flight.noise_std), flight.step, text)
+
+
+def started_file(scenario: TraceScenario, vehicle: Model) -> str:
+    """The text of the vehicle file that the loop is given: true constants, and starting values that are off."""
+    if scenario.flight.own is not None:
+        return _own_text(scenario, vehicle)
+    return _vehicle_text(scenario, _values(vehicle), _derivatives(scenario, vehicle))
+
+
+def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
+    """True values of what the declared model estimates."""
+    declared = _declared(scenario, vehicle.parameters.names)
+    return {item.name: item.value for item in vehicle.parameters if item.free and item.name in declared}
 
 
 def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:

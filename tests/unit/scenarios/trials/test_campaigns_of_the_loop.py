@@ -17,7 +17,7 @@ from scenarios.tasks.manner import Manner
 from scenarios.trials import detection
 from scenarios.trials.clean import CleanRun
 from scenarios.trials.detection import WEAK, Alarm, Detection, Finding
-from scenarios.trials.names import LOOP
+from scenarios.trials.names import EVERY, LOOP
 from scenarios.trials.papers import examination
 from scenarios.trials.papers.paper import Mark, Named, Paper
 from scenarios.trials.repeated import LoopFlights, fly_all
@@ -48,7 +48,7 @@ SAMPLES: dict[Any, Any] = {
 
 
 def test_the_command_knows_the_campaigns_and_they_take_no_scenarios_name() -> None:
-    assert set(LOOP) == set(TRIALS) and not set(TRIALS) & set(scenario_names())
+    assert set(LOOP) == {*TRIALS, EVERY} and not set(TRIALS) & set(scenario_names())
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,49 @@
+"""The page of the campaign of every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scenarios.pages.model import Page, Prose, section
+from scenarios.pages.printed import rows_table
+from scenarios.pages.reproduction import now, reproduction
+from scenarios.pages.wording import sentence
+from scenarios.trials.every_effect.work import PlantedFlight
+from scenarios.trials.marks.rates import NOTHING, right_share
+from scenarios.trials.marks.tables import RATES, rate_rows
+from scenarios.trials.repeated import Flown
+from scenarios.trials.scoring import share_of_flights
+
+EXPLAINED = (
+    "In each flight one effect of the library, or nothing, is planted with values drawn from the flight's seed; the loop is given two records and a "
+    "vehicle file with starting values up to 30 % off, and no truth. The size is the change of the fitted outputs in noise sigmas that no other "
+    "values of the declared parameters explain; it is drawn between 8 and 80, even in the logarithm."
+)
+
+
+def every_effect_page(done: Flown, runs: int, effects: Sequence[str] | None) -> Page:
+    """The page of all flights, ``runs`` of each of the ``effects``."""
+    flights: Sequence[PlantedFlight] = done.found
+    marked, labels = [each.marked for each in flights], [each.effect for each in flights]
+    planted = [each for each in marked if each.hidden]
+    right, clean = right_share(planted), share_of_flights(bool(each.false) for each in marked if not each.hidden)
+    told = f"{right.count} of {right.of} planted effects are named" if right.of else "nothing was planted"
+    false = f"{clean.count} of {clean.of} flights with nothing in them get a name" if clean.of else f"no flight has {NOTHING} in it"
+    options = ("--effects", ",".join(effects)) if effects else ()
+    command = ("flightid", "campaign", "every-effect", "--runs", str(runs), "--seed", str(done.root), *options)
+    one = "flightid campaign every-effect " + " ".join((*options, "--seed", str(done.root), "--only", "NUMBER", "--out", "DIR"))
+    return Page(
+        title=f"Every effect: {done.ended} flights",
+        kind="Campaign of the tracing loop",
+        verdict="false names" if clean.count else "no false name" if clean.of else "",
+        tone="fair" if clean.count else "good" if clean.of else "plain",
+        sentence=sentence(told),
+        summary=(sentence(false),),
+        warnings=(sentence(done.failed),) if done.failed else (),
+        sections=(
+            *section("How often the loop is right", rows_table("Rates of each verdict", RATES, rate_rows(marked, labels))),
+            *section("How it was made", Prose(EXPLAINED), Prose("One flight again, by its number in flights.csv:"), Prose(one, "code")),
+        ),
+        reproduction=reproduction(command, sentence(done.words)),
+        created=now(),
+    )
