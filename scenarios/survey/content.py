@@ -30,6 +30,8 @@ def survey_content(survey: Survey, created: str) -> dict[str, Any]:
         "tried": list(survey.tried),
         "candidates": LIBRARY,
         "alone": {name: list(flights) for name, flights in survey.alone.items()},
+        "needless": {name: list(flights) for name, flights in survey.needless.items()},
+        "unfitted": dict(survey.unfitted),
         "derivatives": {each.name: derivative_content(each, survey) for each in survey.derivatives},
         "stand_out": [{"flight": flight, "derivative": name, "sigmas": off} for flight, name, off in outstanding(survey)],
         "flights": {name: _flight(survey, name) for name in grown.kept},
@@ -39,7 +41,7 @@ def survey_content(survey: Survey, created: str) -> dict[str, Any]:
         "new": list(grown.new),
         "refitted": survey.refitted,
         "verdicts": dict(survey.verdicts),
-        "warnings": [f"{name}: {reason}" for name, reason in grown.failed.items()],
+        "warnings": list(survey.warnings),
         "inputs": {"survey": {"name": survey.flights.path.name, "sha256": survey.flights.sha256}},
         "versions": versions(),
     }

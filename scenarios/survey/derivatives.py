@@ -60,10 +60,11 @@ def estimates(
             out.append({})
             continue
         value, covariance = np.array(fitted["estimate"]), np.array(fitted["covariance"])
+        covariance_own = covariance
         for name in sorted(taken & set(shared)):
             one = shared[name]
             at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
-            own = np.diag(one.sigmas[number] ** 2)
+            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]  # as it weighs in the common value
             others = without_one(one.found.value, one.found.covariance, one.values[number], own)
             if others is not None:
                 value, covariance = conditioned(value, covariance, at, *others)

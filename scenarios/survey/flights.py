@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from scenarios.files.declarations import checked, read_toml_source, toml_of
 from scenarios.files.own_models import is_model_file
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.units import to_si
-from scenarios.files.vehicles import refuse_unknown_model
+from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
 from scenarios.files.versions import own_version
 from scenarios.preparation.plan import Plan, plan_of
 from scenarios.preparation.request import Request
@@ -95,6 +95,8 @@ def read_flights(path: str | Path) -> Flights:
         if names.count(name) > 1:
             raise DeclarationError(f"two flights are called {name}", where=where, remedy="give each a name of its own")
     flights = tuple(_flight(name, each, entry, root, model, vehicle, where) for name, each in found)
+    flights = _in_one_unit(flights, where)
+    _refuse_unreadable(flights, str(root / entry.vehicle) if entry.vehicle is not None else "", toml_text(vehicle), where)
     return Flights(Path(path), source.identity.sha256, entry.title or Path(path).stem, entry.model, flights)
 
 
@@ -133,6 +135,8 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
     place = f"{where}, flight {name}"
     start, stop = _either(entry.from_, shared.from_), _either(entry.to, shared.to)
     hold, rate, lowpass = (_either(getattr(entry, key), getattr(shared, key)) for key in ("hold", "rate", "lowpass"))
+    if start is not None and stop is not None and not start < stop:
+        raise DeclarationError(f"from = {start:g} is not before to = {stop:g}", where=place, remedy="give the earlier time first")
     try:
         plan = plan_of([start] if start is not None else None, [stop] if stop is not None else None, hold, rate, lowpass)
     except FlightidError as error:
@@ -156,7 +160,28 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
         entry.date or "",
         entry.tail or "",
     )
-    return Flight(**{**vars(flight), "digest": _digest(flight)})
+    return replace(flight, digest=_digest(flight))
+
+
+def _refuse_unreadable(flights: Sequence[Flight], vehicle: str, shared: str, where: str) -> None:
+    """Raise DeclarationError for what would fail in every flight: a map or file of effects that is not there, a vehicle that is none."""
+    for flight in flights:
+        for path in (flight.channels, flight.effects):
+            if path is not None and not path.is_file():
+                what = f"there is no file {str(path)!r}"
+                raise DeclarationError(what, where=f"{where}, flight {flight.name}", remedy="check the path; it is relative to this file")
+    texts: dict[str, Flight] = {}
+    for flight in flights:
+        texts.setdefault(flight.vehicle, flight)
+    # The file itself first: its faults are no flight's.
+    for text in sorted(filter(None, texts), key=lambda text: text != shared):
+        source = texts[text].request().vehicle
+        try:
+            read_vehicle(source, texts[text].model)
+        except DeclarationError as error:
+            place = error.where.removeprefix(texts[text].vehicle_name)
+            told = f"{vehicle}{place}" if text == shared else f"{where}, flight {texts[text].name}, vehicle{place}"
+            raise DeclarationError(error.what, where=told, remedy=error.remedy) from None
 
 
 def _either(own: Any, shared: Any) -> Any:
@@ -175,6 +200,19 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
         return to_si(float(number), own.strip(), own.strip(), f"{place}, {key}", DeclarationError), own.strip() or "1"
     except ValueError:
         raise DeclarationError(f"{value!r} is not a number with a unit", where=f"{place}, {key}", remedy='write 0.6 or "12000 ft"') from None
+
+
+def _in_one_unit(flights: Sequence[Flight], where: str) -> tuple[Flight, ...]:
+    """Each condition in the unit of the first flight that has it. Raises DeclarationError where it measures something else."""
+    units: dict[str, str] = {}
+    out = []
+    for flight in flights:
+        condition = {}
+        for key, (value, unit) in flight.condition.items():
+            first = units.setdefault(key, unit)
+            condition[key] = (to_si(value, unit, first, f"{where}, flight {flight.name}, {key}", DeclarationError), first)
+        out.append(replace(flight, condition=condition))
+    return tuple(out)
 
 
 def _digest(flight: Flight) -> str:
@@ -196,12 +234,18 @@ def _over(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, A
 
 def toml_text(content: Mapping[str, Any]) -> str:
     """TOML of what a TOML file held: a line a key, tables inline."""
-    return "".join(f"{json.dumps(key)} = {_inline(value)}\n" for key, value in content.items())
+    return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
 
 
 def _inline(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(value)  # inf and nan, too, are TOML
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_inline(each)}" for key, each in value.items()) + "}"
+        return "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return "[" + ", ".join(map(_inline, value)) + "]"
-    return json.dumps(value, default=str)
+    return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # what JSON and TOML write alike

@@ -22,6 +22,7 @@ from scenarios.survey.words import (
     news,
     outstanding,
     rivals_phrase,
+    single_phrases,
     verdict_of,
 )
 
@@ -37,7 +38,7 @@ def survey_page(survey: Survey, drawn: Sequence[Drawn] = ()) -> Page:
     word, rest = verdict_of(survey)
     far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]
     told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each), rivals_phrase(each)) if part]
-    alone = [f"{effect} is claimed in {listed(flights)} and does not recur" for effect, flights in survey.alone.items()]
+    alone = single_phrases(survey)
     fresh = [f"{name}: {survey.grown.kept[name]['verdict']}; {survey.grown.kept[name]['headline']}" for name in survey.grown.new]
     return Page(
         title=f"{survey.flights.title}: survey",
@@ -46,7 +47,7 @@ def survey_page(survey: Survey, drawn: Sequence[Drawn] = ()) -> Page:
         tone="open" if not survey.grown.kept else "fair" if survey.recurs else "good",
         sentence=sentence(rest),
         summary=tuple(map(sentence, map(capital, [news(survey), *drifts(survey)]))),
-        warnings=tuple(sentence(f"{name} failed: {reason}") for name, reason in survey.grown.failed.items()),
+        warnings=tuple(map(sentence, survey.warnings)),
         sections=(
             *section("New since the last survey", Bullets(tuple(map(sentence, fresh)))),
             *section("What recurs", rows_table("Effects", *effect_rows(survey)), Bullets(tuple(map(sentence, told))), Prose(sentence(HOW), "note")),

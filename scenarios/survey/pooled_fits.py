@@ -19,10 +19,11 @@ from scenarios.tasks.work import Row, Task
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
-    from ident.tracing.candidate_model.fitted_model import FittedModel
+    from ident.tracing.candidate_model.fitted_model import FitData, FittedModel
+    from ident.whole_record.layout import FitSettings
     from sim.declaration.proposal import Traceable
 
-SCHEMA = "flightid/survey-fits/1"
+SCHEMA = "flightid/survey-fits/2"
 KEPT = "sets.json"
 Starts = Mapping[str, float]  # by full name of a parameter
 
@@ -52,7 +53,7 @@ class PooledFits:
 
     def digest(self, number: int) -> str:
         """Of everything that a flight's fits depend on; not of the starts, from which every fit goes to its end."""
-        told = [self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
+        told = [SCHEMA, self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
         return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
     def path(self, number: int) -> Path:
@@ -83,14 +84,17 @@ def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mappi
     """Log likelihood, estimates and covariance of a flight's whole record with each set of the effects ``names`` that its model can have.
 
     Where a residual is coloured the likelihood counts fewer samples: it is scaled by the share that are independent, of the largest set.
+    ``own`` effects are beside every set of ``sets``; beside those of ``sets_without`` only what belongs to a flight by nature, as a gust: a flight
+    alone may have named one thing for two that recur.
     """
     from ident.statistics.coloured_covariance import effective_share
-    from ident.tracing.candidate_model.fitted_model import FitData, fit_set, start_from
+    from ident.tracing.candidate_model.fitted_model import FitData
     from ident.tracing.spikes.masks import measured_masks
     from ident.whole_record.layout import FitSettings
     from scenarios.diagnosis.candidates import candidates_for
     from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of
     from scenarios.preparation.vehicle_model import step_for
+    from scenarios.survey.recurring import is_of_flight
 
     request = flight.request()
     opened = opened_files(request, vehicle_path_of(request))
@@ -100,18 +104,12 @@ def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mappi
     outputs = [signal.name for signal in posed.model.equations.outputs if any(signal.name in record.output_names for record in records)]
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
-    beside = [known[name] for name in own if name in known]
-    found: dict[frozenset[str], FittedModel | None] = {}
     able = [name for name in names if name in known]
-    for size in range(len(able) + 1):
-        for names_of in combinations(able, size):
-            taken = frozenset(names_of)
-            smaller = [found[taken - {name}] for name in names_of]
-            sound = [each for each in smaller if each is not None]
-            start = min(sound, key=lambda each: each.fit.cost, default=None)
-            added = {**starts} if start is not None else {full: value for each in own.values() for full, value in each.items()}
-            found[taken] = fit_set(data, [*beside, *(known[name] for name in able if name in taken)], settings, start_from(start, added))
-    most = next((each for each in reversed(found.values()) if each is not None), None)
+    search = _Search(data, settings, known, starts, {full: value for each in own.values() for full, value in each.items()})
+    beside = [name for name in own if name in known]
+    remain = [name for name in beside if is_of_flight(name)]
+    found = {True: search.sets(able, beside)} | ({False: search.sets(able, remain)} if remain != beside else {})
+    most = next((each for each in reversed(found[True].values()) if each is not None), None)
     share = effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems]) if most is not None else 1.0
     declared = [item.name for item in posed.model.parameters if item.free and not item.name.startswith("bias_")]
     units = {item.name: item.unit for item in posed.model.parameters}
@@ -121,8 +119,43 @@ def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mappi
         "units": {name: units[name] for name in declared},
         "effects": {name: {"parameters": local[name], "units": _units(known[name]), "full": _full(known[name])} for name in able},
         "independent": share,
-        "sets": {"+".join(sorted(taken)): _told(each, declared, [known[n] for n in sorted(taken)], share) for taken, each in found.items() if each},
+        "own": [name for name in beside if name not in remain],
+        **{
+            key: {
+                "+".join(sorted(taken)): _told(each, declared, [known[n] for n in sorted(taken)], share)
+                for taken, each in found[own_in].items()
+                if each
+            }
+            for key, own_in in (("sets", True), ("sets_without", False))
+            if own_in in found
+        },
     }
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Fits of one record with sets of effects, each begun at the likeliest smaller one."""
+
+    data: FitData
+    settings: FitSettings
+    known: Mapping[str, Traceable]
+    starts: Starts
+    own: Starts
+
+    def sets(self, names: Sequence[str], beside: Sequence[str]) -> dict[frozenset[str], FittedModel | None]:
+        """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
+        found: dict[frozenset[str], FittedModel | None] = {}
+        for size in range(len(names) + 1):
+            for chosen in combinations(names, size):
+                sound = [each for name in chosen if (each := found[frozenset(chosen) - {name}]) is not None]
+                start = min(sound, key=lambda each: each.fit.cost, default=None)
+                found[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
+        return found
+
+    def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
+        from ident.tracing.candidate_model.fitted_model import fit_set, start_from
+
+        return fit_set(self.data, [self.known[name] for name in names], self.settings, start_from(start, {**self.own, **self.starts}))
 
 
 def _units(effect: Traceable) -> dict[str, str]:

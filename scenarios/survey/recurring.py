@@ -17,6 +17,8 @@ MOST = 5  # effects that are tried together: 32 sets a flight
 LIBRARY = 60  # effects that a search may name, for which the chance of a false recurrence is counted
 EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
 CLEARLY = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
+NEEDED = 10.0  # likewise, for a flight's own effect beside those that recur
+ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 PRESENT = 0.5  # probability from which an effect belongs to a flight's model
 
 Kept = Mapping[str, Mapping[str, Any]]
@@ -148,6 +150,34 @@ def recurring(
             taken[taken.index(name)] = better
             sets = assigned(fits, taken, [each - {name} for each in sets])
     return [_told(name, names, taken, flights, fits, sets, kept) for name in taken], sets
+
+
+def recurring_beside_own(
+    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
+) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
+    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the fits that were taken of each flight.
+
+    A flight alone may name one effect for two that recur, and would then say wrong values of both. Its own effects go where without them, with
+    whatever it has of what recurs, it is not clearly less likely; then all flights are asked again.
+    """
+    left = (False,) * len(fits)
+    for _ in range(ROUNDS):
+        now = [{**each, "sets": each["sets_without"]} if without else each for each, without in zip(fits, left, strict=True)]
+        found, sets = recurring(names, flights, now, kept)
+        taken = frozenset(each.name for each in found)
+        before, left = left, tuple(_needless(each, taken) for each in fits)
+        if left == before:
+            break
+    return found, sets, now
+
+
+def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
+    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may have any."""
+
+    def most(sets: Mapping[str, Any]) -> float:
+        return max((each["log_likelihood"] for key, each in sets.items() if frozenset(filter(None, key.split("+"))) <= taken), default=-np.inf)
+
+    return "sets_without" in fitted and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
 
 
 def _preferred(name: str, rivals: Sequence[str], fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]], kept: Kept) -> str:

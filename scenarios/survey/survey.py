@@ -13,7 +13,7 @@ from scenarios.survey.derivatives import Derivative, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
 from scenarios.survey.growing import Grown, Tell, grown
 from scenarios.survey.pooled_fits import PooledFits
-from scenarios.survey.recurring import Recurring, candidates, own_effects, recurring, starts_of
+from scenarios.survey.recurring import Recurring, candidates, own_effects, recurring_beside_own, starts_of
 from scenarios.tasks.study import Asked, run_study
 
 FITTING = 0.75  # share of the work that is the diagnoses
@@ -24,8 +24,9 @@ class Survey:
     """The result of a survey.
 
     ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that recur. ``tried``: those that were asked of all flights.
-    ``alone``: effects that flights claim and that do not recur, with these flights. ``derivatives`` over the flights. ``refitted``: flights that were
-    fitted with what recurs in this run.
+    ``alone``: effects that flights claim and that do not recur, with these flights; ``needless``: those that what recurs explains as well.
+    ``derivatives`` over the flights. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``: those that could not be, with
+    the reason.
     """
 
     flights: Flights
@@ -33,10 +34,18 @@ class Survey:
     recurs: tuple[Recurring, ...] = ()
     tried: tuple[str, ...] = ()
     alone: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    needless: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     derivatives: tuple[Derivative, ...] = ()
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     condition_units: Mapping[str, str] = field(default_factory=dict)
     refitted: int = 0
+    unfitted: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Flights that say nothing, or nothing of what recurs, each with the reason."""
+        failed = [f"{name} failed: {reason}" for name, reason in self.grown.failed.items()]
+        return (*failed, *(f"{name} could not be fitted with what recurs: {reason}" for name, reason in self.unfitted.items()))
 
     def __repr__(self) -> str:
         named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
@@ -59,48 +68,54 @@ def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Forma
     tell("reading", 0.0)
     had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share))
     names = candidates(had.kept)
-    fits, refitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, FITTING + (0.95 - FITTING) * share))
+    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, FITTING + (0.95 - FITTING) * share))
     flown = tuple(fits)
-    found, sets = recurring(names, flown, list(fits.values()), had.kept)
+    found, sets, taken_of = recurring_beside_own(names, flown, list(fits.values()), had.kept)
     conditions, condition_units = conditions_of(had)
-    told = estimates(flown, list(fits.values()), found, sets)
+    told = estimates(flown, taken_of, found, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
     taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
+    left = {name for name, each in zip(flown, taken_of, strict=True) if each["sets"] is each.get("sets_without")}
     alone: dict[str, list[str]] = {}
+    needless: dict[str, list[str]] = {}
     for name, flight in had.kept.items():
         for each in flight["effects"]:
             if each["claimed"] and each["name"] not in taken:
-                alone.setdefault(each["name"], []).append(name)
+                gone = name in left and each["name"] in fits[name]["own"]
+                (needless if gone else alone).setdefault(each["name"], []).append(name)
     derivatives = over_flights(flown, told, conditions, units)
     tell("pooled", 0.96)
-    single = {name: tuple(here) for name, here in sorted(alone.items())}
-    return Survey(asked, had, tuple(found), names, single, tuple(derivatives), conditions, condition_units, refitted)
+    single, gone_of = ({name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless))
+    return Survey(asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, refitted, unfitted)
 
 
-def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell) -> tuple[dict[str, Mapping[str, Any]], int]:
-    """The fits of each flight with every set of what may recur, and how many flights were fitted for that now."""
+def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
+    """The fits of each flight with every set of what may recur, how many flights were fitted for that now, and which could not be."""
     flights = [had.flights[name] for name in had.kept]
     whole = PooledFits(tuple(flights), names, starts_of(had.kept, names), tuple(own_effects(each, names) for each in had.kept.values()), folder)
     missing = [number for number in range(len(flights)) if whole.kept(number) is None]
+    failed: dict[str, str] = {}
     if missing:
         work = PooledFits(tuple(flights[n] for n in missing), names, whole.starts, tuple(whole.own[n] for n in missing), folder)
         try:
-            done = run_study(work, Asked(len(missing), 0, max(1, min(jobs, len(missing))), unit="flights"), tell).whole
+            table = run_study(work, Asked(len(missing), 0, max(1, min(jobs, len(missing))), unit="flights"), tell)
         except KeyboardInterrupt:
-            done = False
-        if not done:
+            table = None
+        if table is None or not table.whole:
             raise KeyboardInterrupt(f"all {len(flights)} flights are kept in {folder}")
+        errors = zip(table.columns["number"], table.columns["error"], strict=True)
+        failed = {flights[missing[int(number)]].name: str(error) for number, error in errors if error}
     found = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
-    return {name: each for name, each in found.items() if each is not None}, len(missing)
+    return {name: each for name, each in found.items() if each is not None}, len(missing), failed
 
 
 def conditions_of(had: Grown) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
-    """Conditions that differ between flights, by name and flight, and their units; one that has two units is left out."""
+    """Conditions that differ between flights, by name and flight, and their units."""
     values: dict[str, dict[str, float]] = {}
-    units: dict[str, set[str]] = {}
+    units: dict[str, str] = {}
     for name in had.kept:
         for key, (value, unit) in had.flights[name].condition.items():
             values.setdefault(key, {})[name] = value
-            units.setdefault(key, set()).add(unit)
-    varied = {key: each for key, each in values.items() if len(set(each.values())) > 1 and len(units[key]) == 1}
-    return varied, {key: next(iter(units[key])) for key in varied}
+            units[key] = unit
+    varied = {key: each for key, each in values.items() if len(set(each.values())) > 1}
+    return varied, {key: units[key] for key in varied}

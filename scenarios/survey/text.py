@@ -13,6 +13,7 @@ from scenarios.survey.words import (
     news,
     outstanding,
     rivals_phrase,
+    single_phrases,
     verdict_of,
 )
 from scenarios.terminal.paragraphs import WIDTH, wrapped
@@ -36,10 +37,8 @@ def survey_text(survey: Survey, width: int = WIDTH, details: str = BELOW) -> str
     )
     names, rows = flight_rows(survey)
     lines += ["", *table_lines(columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width)]
-    for name, reason in survey.grown.failed.items():
-        lines += wrapped(f"failed: {name}: {reason}", width)
-    for effect, flights in survey.alone.items():
-        lines += wrapped(f"{effect} is claimed in {listed(flights)} and does not recur", width)
+    for told in (*survey.warnings, *single_phrases(survey)):
+        lines += wrapped(told, width)
     return "\n".join(lines) + "\n"
 
 

@@ -103,6 +103,12 @@ def news(survey: Survey) -> str:
     return "; ".join(parts)
 
 
+def single_phrases(survey: Survey) -> list[str]:
+    """Effects that flights claim and that do not recur."""
+    out = [f"{effect} is claimed in {listed(flights)} and does not recur" for effect, flights in survey.alone.items()]
+    return out + [f"{effect} is claimed in {listed(flights)}, where what recurs explains as much" for effect, flights in survey.needless.items()]
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """Names with commas, those beyond ``most`` counted."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
