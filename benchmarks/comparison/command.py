@@ -33,19 +33,21 @@ def _main(arguments: Sequence[str] | None) -> int:
     from benchmarks.comparison.machine import machine
     from benchmarks.comparison.page import document, page
     from benchmarks.jobs.catalogue import JOBS
+    from benchmarks.scaling.catalogue import TABLES
 
     known = {job.name: job for job in JOBS}
+    everything = [*known, *TABLES]
     about = "flightid beside its peers, cold and warm, in one run; writes docs/performance.md."
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=about)
-    parser.add_argument("--jobs", help=f"only these, separated by commas: {', '.join(known)}")
+    parser.add_argument("--jobs", help=f"only these, separated by commas: {', '.join(everything)}")
     parser.add_argument("--quick", action="store_true", help="few rounds and small problems: to see that all runs, not for numbers")
     where = "folder for performance.md and performance.json; docs where all is measured in full, else nothing is written"
     parser.add_argument("--out", type=Path, help=where)
     chosen = parser.parse_args(arguments)
-    names = list(known) if chosen.jobs is None else chosen.jobs.split(",")
-    wrong = [name for name in names if name not in known]
+    names = everything if chosen.jobs is None else chosen.jobs.split(",")
+    wrong = [name for name in names if name not in everything]
     if wrong:
-        parser.error(f"there is no job {wrong[0]!r}: use {', '.join(known)}")
+        parser.error(f"there is no job {wrong[0]!r}: use {', '.join(everything)}")
     whole = chosen.jobs is None and not chosen.quick
     out = chosen.out or (ROOT / "docs" if whole else None)
     if out is not None and not out.is_dir():
@@ -58,12 +60,14 @@ def _main(arguments: Sequence[str] | None) -> int:
 
     described, pace = machine(), QUICK if chosen.quick else Pace()
     with tempfile.TemporaryDirectory(prefix="flightid-benchmarks-") as temporary:
-        compared = [(known[name], compare(known[name], pace, Path(temporary), say)) for name in names]
-    text = page(described, compared, [])
+        folder = Path(temporary)
+        compared = [(known[name], compare(known[name], pace, folder, say)) for name in names if name in known]
+        tables = [TABLES[name](pace, folder, say) for name in names if name in TABLES]
+    text = page(described, compared, tables)
     if out is None:
         print(text)
         return 0
-    _written_whole({out / "performance.md": text, out / "performance.json": document(described, compared, [])})
+    _written_whole({out / "performance.md": text, out / "performance.json": document(described, compared, tables)})
     say(f"written: {out / 'performance.md'}, {out / 'performance.json'}")
     return 0
 

@@ -47,7 +47,8 @@ def times(ratio: Quartiles | None) -> str:
 
 def page(machine: Mapping[str, str], compared: Compared, others: Sequence[Table]) -> str:
     """The page."""
-    lines = ["# Performance", "", _introduction(), "", *_machine(machine), "", *_standing(compared)]
+    lines = ["# Performance", "", _introduction(), "", *_machine(machine)]
+    lines += ["", *_standing(compared)] if compared else []
     for job, results in compared:
         lines += ["", f"## {job.title}", "", _flat(job.about), "", *_table(HEAD, [_row(each, each.contender is job.ours) for each in results])]
     for table in others:

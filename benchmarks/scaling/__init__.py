@@ -1,0 +1,1 @@
+"""How flightid's time and memory grow with the size of the work."""
