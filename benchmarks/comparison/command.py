@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _main(arguments: Sequence[str] | None) -> int:
     from benchmarks.comparison.compare import QUICK, Pace, compare
+    from benchmarks.comparison.figure import drawn
     from benchmarks.comparison.machine import machine
     from benchmarks.comparison.page import document, page
     from benchmarks.jobs.catalogue import JOBS
@@ -41,7 +42,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=about)
     parser.add_argument("--jobs", help=f"only these, separated by commas: {', '.join(everything)}")
     parser.add_argument("--quick", action="store_true", help="few rounds and small problems: to see that all runs, not for numbers")
-    where = "folder for performance.md and performance.json; docs where all is measured in full, else nothing is written"
+    where = "folder for performance.md, .json and .png; docs where all is measured in full, else nothing is written"
     parser.add_argument("--out", type=Path, help=where)
     chosen = parser.parse_args(arguments)
     names = everything if chosen.jobs is None else chosen.jobs.split(",")
@@ -67,17 +68,20 @@ def _main(arguments: Sequence[str] | None) -> int:
     if out is None:
         print(text)
         return 0
-    _written_whole({out / "performance.md": text, out / "performance.json": document(described, compared, tables)})
-    say(f"written: {out / 'performance.md'}, {out / 'performance.json'}")
+    files = {"performance.md": text.encode(), "performance.json": document(described, compared, tables).encode()}
+    if compared:
+        files["performance.png"] = drawn(compared)
+    _written_whole({out / name: content for name, content in files.items()})
+    say(f"written: {', '.join(str(out / name) for name in files)}")
     return 0
 
 
-def _written_whole(texts: dict[Path, str]) -> None:
+def _written_whole(contents: dict[Path, bytes]) -> None:
     """All files or none: each is written beside its place first."""
-    beside = {path: path.with_name(f".{path.name}.new") for path in texts}
+    beside = {path: path.with_name(f".{path.name}.new") for path in contents}
     try:
-        for path, text in texts.items():
-            beside[path].write_text(text, encoding="utf-8")
+        for path, content in contents.items():
+            beside[path].write_bytes(content)
         for path, new in beside.items():
             new.replace(path)
     finally:

@@ -26,6 +26,7 @@ class Table:
     data: Any = field(default=None)
 
 
+FIGURE = "![Times of the others over flightid's](performance.png)"
 Compared = Sequence[tuple[Job, Sequence[Result]]]
 
 
@@ -48,7 +49,7 @@ def times(ratio: Quartiles | None) -> str:
 def page(machine: Mapping[str, str], compared: Compared, others: Sequence[Table]) -> str:
     """The page."""
     lines = ["# Performance", "", _introduction(), "", *_machine(machine)]
-    lines += ["", *_standing(compared)] if compared else []
+    lines += ["", *_standing(compared), "", FIGURE] if compared else []
     for job, results in compared:
         lines += ["", f"## {job.title}", "", _flat(job.about), "", *_table(HEAD, [_row(each, each.contender is job.ours) for each in results])]
     for table in others:

@@ -31,15 +31,18 @@ def interleaved(
 ) -> dict[str, list[float]]:
     """Seconds of each work, round by round in turn: A B C A B C ...
 
-    The first call of each is not counted but tells how often it fits into ``SHORTEST``. Who has used up its ``patience``, s, after
+    The first calls of each are not counted but tell how often it fits into ``SHORTEST``. Who has used up its ``patience``, s, after
     ``FEWEST`` rounds takes no further part, so that lists may be of different length; the k-th entries are of one round.
     """
     often: dict[str, int] = {}
     for name, work in works.items():
-        work()
-        begin = clock()
-        work()
-        often[name] = max(1, round(SHORTEST / max(clock() - begin, 1e-9)))
+        for _ in range(2):  # the first call of all may compile; what is long all the same is warm enough after it
+            begin = clock()
+            work()
+            took = clock() - begin
+            if took > patience:
+                break
+        often[name] = max(1, round(SHORTEST / max(took, 1e-9)))
     times: dict[str, list[float]] = {name: [] for name in works}
     for turn in range(rounds):
         for name, work in works.items():

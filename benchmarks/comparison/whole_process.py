@@ -44,13 +44,12 @@ def measured(command: Sequence[str], folder: Path) -> Measured:
     """
     environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)}
     launcher = [sys.executable, "-I", "-S", "-c", LAUNCHER, *command]
-    process = subprocess.Popen(launcher, cwd=folder, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, start_new_session=True)
-    try:
-        said, _ = process.communicate()
-    except BaseException:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        raise
+    with subprocess.Popen(launcher, cwd=folder, env=environment, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, start_new_session=True) as process:
+        try:
+            said, _ = process.communicate()
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
     seconds, kilobytes, code, error = json.loads(said)
     if code != 0:
         lines = error.strip().splitlines()

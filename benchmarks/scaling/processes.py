@@ -13,7 +13,7 @@ from benchmarks.comparison.whole_process import measured
 
 FLIGHTID = [sys.executable, "-m", "scenarios"]
 # Arguments of a campaign, its runs, those of a quick benchmark, and rounds.
-STUDIES = (("rigid", 20000, 2000, 3), ("standin-none", 4, 2, 1))
+STUDIES = (("rigid", 10000, 1000, 3), ("standin-none", 4, 2, 1))
 ASKED_RUNS = (1000, 100_000)
 
 

@@ -7,6 +7,7 @@ import json
 import pytest
 
 from benchmarks.comparison.compare import Result
+from benchmarks.comparison.figure import drawn
 from benchmarks.comparison.job import Agreement, Contender, Job
 from benchmarks.comparison.page import SCHEMA, Table, document, page, seconds, times
 from benchmarks.comparison.timing import Quartiles
@@ -46,6 +47,12 @@ def test_the_page_says_who_is_ahead_and_who_is_not() -> None:
     assert any("**not the same**: 9 sigma apart" in line for line in rows)
     assert any(line == "| processor | a machine |" for line in rows)
     assert "Some work." in text
+
+
+def test_the_figure_has_a_row_for_each_peer_that_was_measured() -> None:
+    few, many = (drawn([(JOB, results)]) for results in (RESULTS[:2], RESULTS))
+    heights = [int.from_bytes(each[20:24], "big") for each in (few, many)]
+    assert few.startswith(b"\x89PNG") and heights[1] - heights[0] == pytest.approx(2 * 0.36 * 110, abs=2)
 
 
 def test_every_row_has_the_cells_of_its_head() -> None:
