@@ -1,6 +1,6 @@
 """A stretch of a pass for bilinear equations under held inputs: the same filters as `ident.banks.any_equations`, several times faster.
 
-Values and Jacobians of all runs come from one matrix product (`ident.filters.bilinear_table`); a Runge-Kutta step of equations that are affine in
+Values and Jacobians of all runs come from one matrix product (`ident.bilinear_table`); a Runge-Kutta step of equations that are affine in
 the states, under an input that is held, is four terms of a Taylor series, whose first two give the fundamental matrix of three terms
 as well; and every product lands in room that is made once a stretch, for at this size a call costs more than its arithmetic.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from ident.banks.any_equations import leave_out
 from ident.banks.runs import BankRuns, BankTrace, March, Stretch
-from ident.filters.bilinear_table import Bilinear, held_within_steps, system_tables
+from ident.bilinear_table import Bilinear, held_within_steps, system_tables
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 from ident.filters.transition import Taylor

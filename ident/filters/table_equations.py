@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.filters.bilinear_table import Bilinear, held_within_steps, system_tables
+from ident.bilinear_table import Bilinear, held_within_steps, system_tables
 from ident.filters.one_record import Equations
 from ident.filters.problem import FilterProblem
 from ident.filters.transition import Taylor, Transition

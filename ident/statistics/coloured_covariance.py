@@ -8,6 +8,7 @@ estimated autocorrelation of the residuals instead of that of white noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -15,7 +16,7 @@ import numpy as np
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
     """Biased autocovariance of a series ``(N,)`` at lags 0 to ``lags``, its mean not removed."""
     n = len(residual)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
+    size = _length(n + lags)
     spectrum = np.abs(np.fft.rfft(residual, size)) ** 2
     return np.fft.irfft(spectrum, size)[: lags + 1] / n
 
@@ -59,14 +60,30 @@ def corrected_covariance(
 
 
 def _filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance, by FFT."""
+    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance: over frequencies, by Parseval, of spectra of padded series."""
     n, lags = len(sensitivity), len(covariance) - 1
-    size = 1 << int(np.ceil(np.log2(n + 2 * lags + 1)))
+    size = _length(n + 2 * lags + 1)
     kernel = np.zeros(size)
     kernel[: lags + 1] = covariance
     kernel[size - lags :] = covariance[:0:-1]
-    smooth = np.fft.irfft(np.fft.rfft(sensitivity, size, axis=0) * np.fft.rfft(kernel)[:, None], size, axis=0)[:n]
-    return sensitivity.T @ smooth
+    spectrum, weight = np.fft.rfft(sensitivity.T, size), np.fft.rfft(kernel).real * (2.0 / size)
+    weight[0] *= 0.5
+    weight[-1] *= 0.5 if size % 2 == 0 else 1.0
+    parts = np.concatenate([spectrum.real, spectrum.imag], axis=1)
+    return np.asarray((parts * np.concatenate([weight, weight])) @ parts.T)
+
+
+@lru_cache(maxsize=64)
+def _length(least: int) -> int:
+    """The smallest product of twos, threes and fives that is not less: of such lengths transforms are quick."""
+    found, fives = 1 << (least - 1).bit_length(), 1
+    while fives < found:
+        threes = fives
+        while threes < found:
+            found = min(found, threes << max(0, (-(-least // threes) - 1).bit_length()))
+            threes *= 3
+        fives *= 5
+    return found
 
 
 def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from math import ceil
 
 import numpy as np
@@ -33,20 +34,26 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
     From the declared values where their simulation stays with the record and settles. Otherwise from equation error as well, where the record has
     all states and no prior speaks; the first fit that settles, else the one of least cost.
     """
-    if not layout.shared or layout.prior is not None or (quiet(layout) and not runs_away(layout)):
-        first = fit_whole_records(FitProblem(layout))
+    begun = None
+    if layout.shared and layout.prior is None and quiet(layout):
+        begun = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
+    if not layout.shared or layout.prior is not None or (begun is not None and not runs_away(begun)):
+        first = fit_whole_records(FitProblem(layout), begun=begun)
         if (first is not None and first.outcome is Outcome.CONVERGED) or not layout.shared or layout.prior is not None:
             return first
         return _better([first], from_regression(layout))
     return _better([], from_regression(layout), iter([layout]))
 
 
-def in_pieces(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()) -> list[list[Record]]:
+def in_pieces(
+    records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = (), whole: FitLayout | None = None
+) -> list[list[Record]]:
     """Each record as what is fitted of it: itself, or pieces along which a motion that grows by itself can be followed.
 
     Each piece has its own initial state and biases. Models whose input has a memory, and fits with priors, keep their records whole.
+    ``whole`` is the layout of the records as they are, where there is one already.
     """
-    layout = lay_out(records, system, settings, local=local)
+    layout = whole or lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
         return [[record] for record in records]
     rate = fastest(next(from_regression(layout), layout))
@@ -100,14 +107,17 @@ def _duration(record: Record) -> float:
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
     """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when None)."""
-    return growth(layout, theta) <= GROWN
+    return _start_growth(layout) <= GROWN if theta is None else growth(layout, theta) <= GROWN
 
 
-def runs_away(layout: FitLayout) -> bool:
-    """Whether the simulation at the start leaves a record by tenfold its own motion, or the range of finite numbers."""
-    fit = evaluate(FitProblem(layout), layout.start, layout.guesses(layout.start))
-    if fit is None:
-        return True
+@lru_cache(maxsize=2)  # a fit asks for its start more than once
+def _start_growth(layout: FitLayout) -> float:
+    return growth(layout)
+
+
+def runs_away(fit: Fit) -> bool:
+    """Whether the simulation leaves a record by tenfold its own motion."""
+    layout = fit.layout
     for i in np.flatnonzero(layout.used):
         known = [problem.valid[i] for problem in layout.problems]
         rows = [problem.z[i, valid] for problem, valid in zip(layout.problems, known, strict=True)]

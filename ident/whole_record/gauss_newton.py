@@ -104,16 +104,15 @@ class Fit:
         return normal, gradient
 
 
-def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = None) -> Fit | None:
+def fit_whole_records(problem: FitProblem, guesses: list[np.ndarray] | None = None, begun: Fit | None = None) -> Fit | None:
     """Minimise the cost from ``problem.start``; None when not even the start has a finite cost.
 
-    ``guesses`` are trajectories to begin with, from the measured channels when None. Outcomes: ``CONVERGED`` or
-    ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
+    ``guesses`` are trajectories to begin with, from the measured channels when None; ``begun`` is the start where it has been evaluated.
+    Outcomes: ``CONVERGED`` or ``MAX_ITERATIONS``; whether all directions are determined is for the caller to judge.
     """
     layout, noise_model, settings = problem.layout, problem.noise_model, problem.layout.settings
     start, low, high = problem.start, problem.low, problem.high
-    begun = layout.guesses(start) if guesses is None else guesses
-    fit = evaluate(problem, start, begun)
+    fit = begun or evaluate(problem, start, layout.guesses(start) if guesses is None else guesses)
     if fit is None and guesses is None and layout.problems:
         return None
     if fit is None:

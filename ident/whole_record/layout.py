@@ -96,7 +96,10 @@ class FitLayout:
 
     def columns(self, r: int) -> np.ndarray:
         """Positions in theta of the unknowns that record ``r`` sees."""
-        return np.concatenate([np.arange(len(self.shared)), len(self.shared) + r * self.own + np.arange(self.own)])
+        shared, own = len(self.shared), self.own
+        if not r:
+            return np.arange(shared + own)
+        return np.concatenate([np.arange(shared), shared + r * own + np.arange(own)])
 
     def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]:
         """All parameters and the initial state of record ``r``."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ident.whole_record.intervals import changed_rows, interval_ends, sample_outputs
+from ident.whole_record.linear_record import linear_record
 from ident.whole_record.record_problem import INCREMENT, RecordProblem, driven_by
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import Drive
@@ -41,6 +42,9 @@ def linearise(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.n
     One batch with the base in column 0, then a column a state, then one a parameter that acts in the dynamics. A column's numbers
     stand side by side in memory, ``(c, K)``: whatever is the same for all columns then meets long rows.
     """
+    linear = linear_record(problem, p, x0, guess)
+    if linear is not None:
+        return Linearisation(*linear)
     n_x, n_p, moving = len(problem.system.states), len(problem.free), list(problem.moving)
     by_parameter, by_state = _increments(problem, guess)
     width = 1 + n_x + len(moving)

@@ -58,8 +58,10 @@ def fit_output_error(records: Sequence[Record], system: System, settings: FitSet
 
 
 def _fitted(records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str]) -> Estimate:
-    pieces = in_pieces(records, system, settings, local)
-    layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
+    layout = lay_out(records, system, settings, local=local)
+    pieces = in_pieces(records, system, settings, local, layout)
+    if sum(len(each) for each in pieces) > len(records):
+        layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
         raise ModelError("no parameter is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one")
     fit = fit_from_best_start(layout)

@@ -11,7 +11,7 @@ from ident.estimate import Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.whole_record.best_start import fit_from_best_start, quiet, runs_away
 from ident.whole_record.fit_problem import FitProblem
-from ident.whole_record.gauss_newton import fit_whole_records
+from ident.whole_record.gauss_newton import evaluate, fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_covariance, fit_output_error
 from ident.whole_record.unstable_motion import GROWN, fit_unstable, growth, projected_covariance
@@ -43,7 +43,8 @@ def test_growth_is_that_of_the_fastest_root() -> None:
     assert growth(layout) == pytest.approx(8.0 * max(np.linalg.eigvals(A).real), rel=1e-9)
     assert growth(layout) > 2.0 * GROWN
     stable = lay_out([rigid_record(np.random.default_rng(0))], compile_model(rigid_model()), SETTINGS)
-    assert growth(stable) == 0.0 and quiet(stable) and not runs_away(stable)
+    begun = evaluate(FitProblem(stable), stable.start, stable.guesses(stable.start))
+    assert growth(stable) == 0.0 and quiet(stable) and begun is not None and not runs_away(begun)
 
 
 def test_a_start_whose_growth_is_beyond_all_numbers_ends() -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ident.filters.problem import with_free
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
 from sim.propagation.grid import Drive
@@ -82,7 +81,10 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     held = [_apart(value) for value in p]
 
     def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-        return w[:n_x], w[n:], with_free(held, free, w[n_x:n])
+        whole = held.copy()
+        for index, value in zip(free, w[n_x:n], strict=True):
+            whole[index] = value
+        return w[:n_x], w[n:], whole
 
     f = bilinear(lambda w: system.f(_NO_TIME, *split(w)), n, n_x, n_u)
     h = None if f is None else bilinear(lambda w: system.h(_NO_TIME, *split(w)), n, n_x, n_u)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.filters.bilinear_table import Function, bilinear
+from ident.bilinear_table import Function, bilinear
 from sim.maths.elementary import complex_step_jacobian, sqrt
 
 # Two states x, y, two parameters a, b, one input u.
