@@ -69,7 +69,7 @@ def run_campaign(
     if name == EVERY:
         from scenarios.commands.simulated.every_effect import every_effect_campaign
 
-        every_effect_campaign(runs, seed, effects, manner, changes, progress)
+        every_effect_campaign(runs, seed, effects, manner, changes, figures, progress)
         return
     if name in LOOP:
         from scenarios.commands.trials import run_trials
@@ -79,12 +79,12 @@ def run_campaign(
     if kind == "standin":
         from scenarios.commands.simulated.standin import standin_campaign
 
-        standin_campaign(name, runs, seed, manner, changes, progress)
+        standin_campaign(name, runs, seed, manner, changes, figures, progress)
         return
     if kind == "trace":
         from scenarios.commands.simulated.planted import trace_campaign
 
-        trace_campaign(name, runs, seed, manner, changes, progress)
+        trace_campaign(name, runs, seed, manner, changes, figures, progress)
         return
     if kind != IDENTIFICATION:
         remedy = "scenarios that have one are simulated flights, trace-... and standin-..."

@@ -59,6 +59,11 @@ def reliability(statements: Sequence[Statement], calibration: Calibration | None
         for name, p in statement.probabilities(calibration).items()
         if name != SOMETHING_ELSE and p > EDGES[0]
     ]
+    return binned(pairs)
+
+
+def binned(pairs: Sequence[tuple[float, bool]]) -> tuple[Bin, ...]:
+    """Probabilities that were said, and whether what they were said of is right, counted between ``EDGES``."""
     bins = []
     for low, high in pairwise(EDGES):
         inside = [(p, right) for p, right in pairs if low < p <= high]

@@ -11,7 +11,6 @@ from scenarios.terminal.progress import progress_bar
 from scenarios.terminal.summary import written_to
 from scenarios.trials.every_effect.campaign import every_effect_text, write_every_effect
 from scenarios.trials.every_effect.one import fly_one, one_text, write_one
-from scenarios.trials.every_effect.page import every_effect_page
 from scenarios.trials.every_effect.work import EveryEffect
 from scenarios.trials.repeated import fly_all
 from sim.errors import DeclarationError
@@ -20,7 +19,13 @@ ROOT = 1  # of the seeds, where none is asked for
 
 
 def every_effect_campaign(
-    runs: int, seed: int | None, effects: Sequence[str] | None, manner: Manner, changes: Sequence[str], progress: bool = True
+    runs: int,
+    seed: int | None,
+    effects: Sequence[str] | None,
+    manner: Manner,
+    changes: Sequence[str],
+    figures: Formats = USUAL,
+    progress: bool = True,
 ) -> None:
     """Fly and diagnose ``runs`` flights of each of some ``effects`` (None: all of the library), print the tables, and write into ``manner.out``."""
     work, out = _work(effects, changes), manner.out
@@ -28,7 +33,7 @@ def every_effect_campaign(
         done = fly_all(work, runs * len(work.kinds), ROOT if seed is None else seed, manner, tell)
     print(every_effect_text(done, terminal_width()), end="")
     if out is not None:
-        write_every_effect(done, runs, work.effects, out, every_effect_page(done, runs, work.effects))
+        write_every_effect(done, runs, work.effects, out, figures)
         print(written_to(out))
     if not done.whole:
         raise stopped(done.ended, done.asked, "flights", out)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import USUAL, Formats
 
 if TYPE_CHECKING:
     from scenarios.tasks.manner import Manner
@@ -32,7 +34,9 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
     return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
 
 
-def trace_campaign(name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], progress: bool = True) -> None:
+def trace_campaign(
+    name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], figures: Formats = USUAL, progress: bool = True
+) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``manner.out``."""
     from scenarios.studies.catalogue import scenario_file
     from scenarios.tasks.manner import stopped
@@ -48,7 +52,7 @@ def trace_campaign(name: str, runs: int, seed: int | None, manner: Manner, chang
         done = fly_all(trace_flights(name, changes), runs, scenario.seed if seed is None else seed, manner, tell)
     print(trace_campaign_text(scenario, done.found, done.words), end="")
     if out is not None:
-        write_trace_campaign(scenario, done.found, out, done.content, campaign_page(scenario, done))
+        write_trace_campaign(scenario, done, out, partial(campaign_page, scenario, done), figures)
         print(written_to(out))
     if not done.whole:
         raise stopped(done.ended, done.asked, "flights", out)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.files.declarations import named_after
+from scenarios.plots.formats import USUAL, Formats
 
 if TYPE_CHECKING:
     from scenarios.tasks.manner import Manner
@@ -34,7 +36,9 @@ def simulate_standin(name: str, out: Path, seed: int | None, changes: Sequence[s
     return [*written, vehicle]
 
 
-def standin_campaign(name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], progress: bool = True) -> None:
+def standin_campaign(
+    name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], figures: Formats = USUAL, progress: bool = True
+) -> None:
     """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``manner.out``."""
     from scenarios.studies.catalogue import load_document, scenario_file
     from scenarios.tasks.manner import stopped
@@ -52,7 +56,7 @@ def standin_campaign(name: str, runs: int, seed: int | None, manner: Manner, cha
         done = fly_all(standin_flights(standin), runs, standin.seed if seed is None else seed, manner, tell)
     print(campaign_text(standin, done.found, done.words, terminal_width(), details_in(out)), end="")
     if out is not None:
-        write_campaign(standin, done.found, out, done.content, campaign_page(standin, done))
+        write_campaign(standin, done, out, partial(campaign_page, standin, done), figures)
         print(written_to(out))
     if not done.whole:
         raise stopped(done.ended, done.asked, "flights", out)

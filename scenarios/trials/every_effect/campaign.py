@@ -13,11 +13,14 @@ from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json, write_text
 from scenarios.pages.folder import write_page
-from scenarios.pages.model import Page
+from scenarios.plots.formats import USUAL, Formats
 from scenarios.terminal.paragraphs import WIDTH
-from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.trials.every_effect.page import every_effect_page
 from scenarios.trials.every_effect.work import PlantedFlight
-from scenarios.trials.marks.tables import RATES, rate_rows
+from scenarios.trials.marks.content import marks_content
+from scenarios.trials.marks.page import drawn_marks
+from scenarios.trials.marks.rates import Marks
+from scenarios.trials.marks.text import marks_blocks
 from scenarios.trials.repeated import Flown
 
 NAME = "every-effect"
@@ -28,13 +31,15 @@ COLUMNS = (
 )
 
 
+def marks_of(flights: Sequence[PlantedFlight]) -> Marks:
+    """The flights with what each was flown for."""
+    return Marks([each.marked for each in flights], [each.effect for each in flights], by_kind=True)
+
+
 def every_effect_text(done: Flown, width: int = WIDTH) -> str:
     """The tables of the terminal."""
-    flights: Sequence[PlantedFlight] = done.found
-    marked, labels = [each.marked for each in flights], [each.effect for each in flights]
-    title = "rates of each verdict; right: what was planted is named, or among the names of an ambiguous verdict, and nothing else is"
-    lines = [f"{NAME}: {done.ended} flights, {done.words}", *table_lines(columns_of(RATES, rate_rows(marked, labels)), title=title, width=width)]
-    return "\n".join(lines) + "\n"
+    blocks = [[f"{NAME}: {done.ended} flights, {done.words}"], *marks_blocks(marks_of(done.found), width)]
+    return "\n\n".join("\n".join(block) for block in blocks) + "\n"
 
 
 def cells_of(flight: PlantedFlight) -> dict[str, Any]:
@@ -50,25 +55,26 @@ def cells_of(flight: PlantedFlight) -> dict[str, Any]:
     }
 
 
-def write_every_effect(done: Flown, runs: int, effects: Sequence[str] | None, out: str | Path, page: Page) -> Path:
-    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last) into a folder; returns it. ``runs`` : of each effect."""
-    flights: Sequence[PlantedFlight] = done.found
-    marked, labels = [each.marked for each in flights], [each.effect for each in flights]
+def write_every_effect(done: Flown, runs: int, effects: Sequence[str] | None, out: str | Path, figures: Formats = USUAL) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page, and ``campaign.json`` (last) into a folder; returns it.
+
+    ``runs`` : flights of each of the ``effects``, None for all of the library.
+    """
+    marks = marks_of(done.found)
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(cells_of(flight) for flight in flights)
+        writer.writerows(cells_of(flight) for flight in done.found)
         write_text(scratch / "flights.csv", text.getvalue())
-        rates = [dict(zip(RATES, row, strict=True)) for row in rate_rows(marked, labels)]
         content = {
             "schema": SCHEMA,
             "scenario": NAME,
             **done.content,
             "runs": runs,
             "flights": done.ended,
-            "effects": effects,
+            **({"effects": list(effects)} if effects else {}),
         }
-        write_page(scratch, page)
-        write_json(scratch / "campaign.json", {**content, "rates": rates, "versions": versions()})
+        write_page(scratch, every_effect_page(done, marks, runs, effects, drawn_marks(marks, NAME, scratch, figures)))
+        write_json(scratch / "campaign.json", {**content, "marks": marks_content(marks), "versions": versions()})
     return Path(out)

@@ -10,11 +10,11 @@ from functools import cache
 import numpy as np
 
 from scenarios.trials.every_effect.carriers import MODELS, equations_of
+from scenarios.trials.marks.rates import NOTHING, kind_of
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from sim.errors import DeclarationError
 
-NOTHING = "nothing"
 UNSEEN = ("sensor-delay:altitude", "sensor-lag:altitude")  # in a fall no more than another start; no search proposes them
 
 
@@ -24,11 +24,6 @@ class Instance:
 
     model: str
     name: str
-
-
-def kind_of(name: str) -> str:
-    """An effect's name without its channel, input or number: ``"sensor-lag"`` of ``"sensor-lag:q"``."""
-    return name.partition(":")[0].partition("#")[0]
 
 
 def effect_of(instance: Instance) -> Traceable:

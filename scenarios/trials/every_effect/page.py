@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from scenarios.pages.model import Page, Prose, section
-from scenarios.pages.printed import rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import sentence
-from scenarios.trials.every_effect.work import PlantedFlight
-from scenarios.trials.marks.rates import NOTHING, right_share
-from scenarios.trials.marks.tables import RATES, rate_rows
+from scenarios.plots.page.named import Drawn
+from scenarios.trials.marks.page import marks_sections
+from scenarios.trials.marks.rates import NOTHING, Marks, false_share, right_share
 from scenarios.trials.repeated import Flown
-from scenarios.trials.scoring import share_of_flights
 
 EXPLAINED = (
     "In each flight one effect of the library, or nothing, is planted with values drawn from the flight's seed; the loop is given two records and a "
@@ -21,12 +19,10 @@ EXPLAINED = (
 )
 
 
-def every_effect_page(done: Flown, runs: int, effects: Sequence[str] | None) -> Page:
-    """The page of all flights, ``runs`` of each of the ``effects``."""
-    flights: Sequence[PlantedFlight] = done.found
-    marked, labels = [each.marked for each in flights], [each.effect for each in flights]
-    planted = [each for each in marked if each.hidden]
-    right, clean = right_share(planted), share_of_flights(bool(each.false) for each in marked if not each.hidden)
+def every_effect_page(done: Flown, marks: Marks, runs: int, effects: Sequence[str] | None, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of all flights, ``runs`` of each of the ``effects``, with the figures ``drawn``."""
+    right = right_share([each for each in marks.flights if each.hidden])
+    clean = false_share([each for each in marks.flights if not each.hidden])
     told = f"{right.count} of {right.of} planted effects are named" if right.of else "nothing was planted"
     false = f"{clean.count} of {clean.of} flights with nothing in them get a name" if clean.of else f"no flight has {NOTHING} in it"
     options = ("--effects", ",".join(effects)) if effects else ()
@@ -41,7 +37,7 @@ def every_effect_page(done: Flown, runs: int, effects: Sequence[str] | None) -> 
         summary=(sentence(false),),
         warnings=(sentence(done.failed),) if done.failed else (),
         sections=(
-            *section("How often the loop is right", rows_table("Rates of each verdict", RATES, rate_rows(marked, labels))),
+            *marks_sections(marks, drawn),
             *section("How it was made", Prose(EXPLAINED), Prose("One flight again, by its number in flights.csv:"), Prose(one, "code")),
         ),
         reproduction=reproduction(command, sentence(done.words)),

@@ -9,6 +9,8 @@ from enum import Enum
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
 from ident.tracing.name_probability import SOMETHING_ELSE
+from sim.declaration.proposal import Curve
+from sim.effects.library import library
 
 NUMBERED = ("elastic-mode",)  # effects of which a record may have several, under numbers
 
@@ -115,6 +117,11 @@ def parameter_errors(claims: Sequence[Claim], truth: Mapping[str, Mapping[str, f
         for local, found in claim.parameters.items()
         if local in truth.get(claim.name, {}) and math.isfinite(found.std) and found.std > 0.0
     }
+
+
+def is_curve(name: str) -> bool:
+    """Whether an effect of the library is a curve, whose coefficients hang on the range that a search saw: no truth is comparable with them."""
+    return any(isinstance(effect, Curve) for effect in library() if effect.name == name)
 
 
 def over_noise(figures: ErrorFigures, noise: Mapping[str, float]) -> float:

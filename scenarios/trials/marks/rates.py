@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 from scenarios.trials.marks.marked import Marked, Outcome, Standing
 from scenarios.trials.scoring import Share, share_of_flights
 
+ALL = "all"
 NOTHING = "nothing"
 NO_NAME = {Outcome.UNEXPLAINED: "unexplained", Outcome.NOTHING: "nothing missing"}
-
-
-def grouped(flights: Sequence[Marked], labels: Sequence[str]) -> dict[str, list[Marked]]:
-    """Flights by the label of each, in the order in which labels come first."""
-    groups: dict[str, list[Marked]] = {label: [] for label in labels}
-    for label, flight in zip(labels, flights, strict=True):
-        groups[label].append(flight)
-    return groups
 
 
 def hidden_label(flight: Marked) -> str:
@@ -45,11 +40,52 @@ def false_share(flights: Sequence[Marked]) -> Share:
     return share_of_flights(bool(flight.false) for flight in flights)
 
 
-def said(flight: Marked) -> str:
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Flights of a campaign with the label of each, under which they are counted together.
+
+    ``by_kind`` : conclusions are told by kinds of effects, for campaigns in which very many effects are hidden.
+    """
+
+    flights: Sequence[Marked]
+    labels: Sequence[str]
+    by_kind: bool = False
+
+    @cached_property
+    def groups(self) -> Mapping[str, Sequence[Marked]]:
+        """Flights by label, in the order in which labels come first."""
+        found: dict[str, list[Marked]] = {label: [] for label in self.labels}
+        for label, flight in zip(self.labels, self.flights, strict=True):
+            found[label].append(flight)
+        return found
+
+    @cached_property
+    def groups_and_all(self) -> Mapping[str, Sequence[Marked]]:
+        """The same, and where there are several all flights."""
+        return self.groups if len(self.groups) < 2 else {**self.groups, ALL: self.flights}
+
+    @cached_property
+    def confusion(self) -> Mapping[str, Mapping[str, int]]:
+        """Label -> what was concluded -> in how many flights; the commonest first."""
+        said = said_by_kind if self.by_kind else said_in_full
+        return {label: dict(Counter(map(said, group)).most_common()) for label, group in self.groups.items()}
+
+
+def said_in_full(flight: Marked) -> str:
     """What was concluded: the names of the claims, or why there is none."""
     return " + ".join(flight.given) or NO_NAME[flight.outcome]
 
 
-def confusion(flights: Sequence[Marked], labels: Sequence[str]) -> Mapping[str, Mapping[str, int]]:
-    """Label of a flight -> what was concluded -> in how many flights; conclusions by how often they come."""
-    return {label: dict(Counter(said(flight) for flight in group).most_common()) for label, group in grouped(flights, labels).items()}
+def said_by_kind(flight: Marked) -> str:
+    """The same by the kind of effect: that which was hidden only where it is right, and no more where there are several claims."""
+    if len(flight.given) > 1:
+        return "several names"
+    if not flight.given:
+        return NO_NAME[flight.outcome]
+    kind = kind_of(flight.given[0])
+    return f"{kind} elsewhere" if not flight.right and any(kind_of(name) == kind for name in flight.hidden) else kind
+
+
+def kind_of(name: str) -> str:
+    """An effect's name without its channel, input or number: ``"sensor-lag"`` of ``"sensor-lag:q"``."""
+    return name.partition(":")[0].partition("#")[0]

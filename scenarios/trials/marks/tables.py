@@ -2,40 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from scenarios.trials.marks.coverage import SIGMAS, coverage_of
 from scenarios.trials.marks.marked import Marked, Standing
-from scenarios.trials.marks.rates import confusion, grouped, right_share, standings
+from scenarios.trials.marks.probabilities import brier, reliability_of
+from scenarios.trials.marks.rates import Marks, right_share, standings
 from scenarios.trials.scoring import Share
 
-ALL = "all"
-RATES = (
-    "hidden",
-    "flights",
-    "right",
-    "95 % interval",
-    "named",
-    "among several",
-    "unexplained",
-    "nothing missing",
-    "not among several",
-    "wrong",
-)
+RATES = ("hidden", "flights", "right", "95 % interval", "named", "among several", "unexplained", "nothing missing", "wrong")
+SAID = ("probability said, %", "names", "mean said, %", "right, %", "95 % interval, %")
+COVERED = ("hidden", "parameters", *(f"within {k} sigma" for k in SIGMAS), "95 % interval of 2 sigma")
 CONFUSED = ("hidden", "concluded", "flights")
-_ORDER = (Standing.RIGHT, Standing.AMONG, Standing.UNEXPLAINED, Standing.NOTHING, Standing.BESIDE, Standing.WRONG)
+_TOLD = ((Standing.RIGHT,), (Standing.AMONG,), (Standing.UNEXPLAINED,), (Standing.NOTHING,), (Standing.BESIDE, Standing.WRONG))
 
 
-def rate_rows(flights: Sequence[Marked], labels: Sequence[str]) -> list[tuple[str, ...]]:
+def rate_rows(marks: Marks) -> list[tuple[str, ...]]:
     """Cells below ``RATES``, by label and for all flights."""
-    groups: dict[str, Sequence[Marked]] = {**grouped(flights, labels)}
-    rows = [_rates(label, group) for label, group in groups.items()]
-    return rows if len(groups) < 2 else [*rows, _rates(ALL, flights)]
+    return [_rates(label, group) for label, group in marks.groups_and_all.items()]
 
 
-def confusion_rows(flights: Sequence[Marked], labels: Sequence[str]) -> list[tuple[str, ...]]:
+def confusion_rows(marks: Marks) -> list[tuple[str, ...]]:
     """Cells below ``CONFUSED``."""
-    found: Mapping[str, Mapping[str, int]] = confusion(flights, labels)
-    return [(label, said, str(count)) for label, row in found.items() for said, count in row.items()]
+    return [(label, said, str(count)) for label, row in marks.confusion.items() for said, count in row.items()]
+
+
+def said_rows(flights: Sequence[Marked]) -> list[tuple[str, ...]]:
+    """Cells below ``SAID``: names by the probability that they were given."""
+    rows: list[tuple[str, ...]] = []
+    for item in reliability_of(flights):
+        low, high = item.interval
+        right = (f"{100.0 * item.right / item.count:.0f}", f"{100.0 * low:.0f} to {100.0 * high:.0f}") if item.count else ("-", "-")
+        rows.append((f"{100 * item.low:.0f} to {100 * item.high:.0f}", str(item.count), f"{100.0 * item.said:.1f}" if item.count else "-", *right))
+    return rows if any(flight.stated for flight in flights) else []
+
+
+def brier_sentence(flights: Sequence[Marked]) -> str:
+    """The score of the names that are given; empty where there is none."""
+    score = brier(flights)
+    if score is None:
+        return ""
+    low, high = score.interval
+    told = f"Brier score of the {score.count} names given: {score.score:.3f} (95 % interval {low:.3f} to {high:.3f})"
+    return f"{told}; one probability for all would have {score.constant:.3f}, certainty that holds 0"
+
+
+def covered_rows(marks: Marks) -> list[tuple[str, ...]]:
+    """Cells below ``COVERED``."""
+    rows = []
+    for label, shares in coverage_of(marks).items():
+        rows.append((label, str(shares[0].of), *(percent(share)[0] for share in shares), percent(shares[1])[1]))
+    return rows
 
 
 def percent(share: Share) -> tuple[str, str]:
@@ -46,4 +63,4 @@ def percent(share: Share) -> tuple[str, str]:
 
 def _rates(label: str, flights: Sequence[Marked]) -> tuple[str, ...]:
     found = standings(flights)
-    return label, str(len(flights)), *percent(right_share(flights)), *(str(found[each].count) for each in _ORDER)
+    return label, str(len(flights)), *percent(right_share(flights)), *(str(sum(found[each].count for each in told)) for told in _TOLD)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -11,6 +11,8 @@ from typing import Any
 
 from ident.tracing.diagnosis import Claim, Verdict
 from scenarios.studies.catalogue import load_document
+from scenarios.trials.marks.marked import Marked, claims_of, is_curve, outcome_of, over_noise, parameter_errors, plain_name, stated_by
+from scenarios.trials.marks.rates import Marks, hidden_label
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, TraceStudy, run_trace
@@ -37,11 +39,39 @@ class TraceJudged:
     alone: tuple[str, ...]
     false: tuple[str, ...]
     inside: tuple[tuple[str, bool], ...]
+    marked: Marked | None = None
 
 
 def judge_trace(scenario: TraceScenario, seed: int) -> TraceJudged:
     """Fly and diagnose one flight, and hold it against what was hidden."""
-    return judged_of(run_trace(scenario, seed))
+    study = run_trace(scenario, seed)
+    judged = judged_of(study)
+    return replace(judged, marked=marked_of(study, judged))
+
+
+def marked_of(study: TraceStudy, judged: TraceJudged) -> Marked:
+    """The same flight for the statistics that all campaigns of the loop have in common."""
+    d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
+    right = frozenset(plain_name(name) for name in _true_names(study))
+    truth = {name: values for name, values in study.flown.hidden.items() if not is_curve(name)}
+    return Marked(
+        tuple(study.flown.hidden),
+        d.verdict.value,
+        outcome_of(d.verdict.value, claims),
+        tuple(claim.name for claim in claims),
+        study.grade in (Grade.RIGHT, Grade.AMBIGUOUS),
+        judged.false,
+        stated_by(claims, right),
+        parameter_errors(claims, truth),
+        over_noise(d.error_before, study.flown.noise_std),
+        over_noise(d.error_after, study.flown.noise_std),
+    )
+
+
+def _true_names(study: TraceStudy) -> frozenset[str]:
+    """Names behind which something true stands: of what is hidden, of what the scenario accepts, and of the same faults."""
+    accepted = {name for names in study.scenario.expect.effects for name in names}
+    return frozenset().union(*(same_fault(name) for name in {*accepted, *study.flown.hidden}))
 
 
 def judged_of(study: TraceStudy) -> TraceJudged:
@@ -49,7 +79,7 @@ def judged_of(study: TraceStudy) -> TraceJudged:
     claims = [claim for claim in study.tracing.diagnosis.effects if claim.claimed]
     accepted = {name for names in study.scenario.expect.effects for name in names}
     hidden = [name for name in study.flown.hidden if name in accepted] or ([*study.scenario.expect.effects[0]] if accepted else [])
-    true = frozenset().union(*(same_fault(name) for name in {*accepted, *study.flown.hidden}))
+    true = _true_names(study)
     return TraceJudged(
         study.seed,
         study.tracing.diagnosis.verdict.value,
@@ -83,6 +113,12 @@ def _judge_named(name: str, changes: tuple[str, ...], number: int, seed: int) ->
 def named_scenario(name: str, changes: tuple[str, ...]) -> TraceScenario:
     """A tracing scenario with changed entries, by its name or the path of its file."""
     return trace_scenario_of(*load_document(name, changes))
+
+
+def marks_of(judged: Sequence[TraceJudged]) -> Marks:
+    """The flights for the statistics that all campaigns of the loop have in common."""
+    marked = [flight.marked for flight in judged if flight.marked is not None]
+    return Marks(marked, [hidden_label(each) for each in marked])
 
 
 def verdict_shares(judged: Sequence[TraceJudged]) -> dict[str, Share]:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from scenarios.files.folders import study_folder
 from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.terminal.tables import columns_of, table_lines
-from scenarios.trials.planted.campaign import TraceJudged, trace_shares, verdict_shares
+from scenarios.trials.marks.content import marks_content
+from scenarios.trials.marks.page import drawn_marks
+from scenarios.trials.marks.text import marks_blocks
+from scenarios.trials.planted.campaign import TraceJudged, marks_of, trace_shares, verdict_shares
 from scenarios.trials.planted.declaration import TraceScenario
+from scenarios.trials.repeated import Flown
 from scenarios.trials.scoring import Share
 
 VERDICTS = ("verdict", "flights", "percent", "95 % interval")
@@ -37,6 +42,7 @@ def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], 
         table_lines(columns_of(VERDICTS, verdict_rows(judged))),
         table_lines(columns_of(SHARES, share_rows(judged))),
         false_lines(judged),
+        *marks_blocks(marks_of(judged)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -62,8 +68,12 @@ def false_lines(judged: Sequence[TraceJudged]) -> list[str]:
     return [f"seed {flight.seed}: {' and '.join(flight.false)} claimed, and not there" for flight in judged if flight.false]
 
 
-def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged], out: str | Path, flown: Mapping[str, Any], page: Page) -> Path:
-    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
+def write_trace_campaign(
+    scenario: TraceScenario, done: Flown, out: str | Path, paged: Callable[[Sequence[Drawn]], Page], figures: Formats = USUAL
+) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them, and ``campaign.json`` (last)."""
+    judged: Sequence[TraceJudged] = done.found
+    marks = marks_of(judged)
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -76,12 +86,13 @@ def write_trace_campaign(scenario: TraceScenario, judged: Sequence[TraceJudged],
         content = {
             "schema": "flightid/campaign/1",
             "scenario": scenario.name,
-            **flown,
+            **done.content,
             "expected": {"verdicts": list(scenario.expect.verdicts), "effects": [list(names) for names in scenario.expect.effects]},
             "shares": {key: {"count": share.count, "of": share.of, "interval": list(share.interval)} for key, share in shares.items() if share.of},
+            "marks": marks_content(marks),
             "versions": versions(),
         }
-        write_page(scratch, page)
+        write_page(scratch, paged(drawn_marks(marks, scenario.name, scratch, figures)))
         write_json(scratch / "campaign.json", content)
     return Path(out)
 

@@ -9,7 +9,9 @@ from scenarios.pages.model import Page, Prose, section
 from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
-from scenarios.trials.planted.campaign import TraceJudged, trace_shares
+from scenarios.plots.page.named import Drawn
+from scenarios.trials.marks.page import marks_sections
+from scenarios.trials.planted.campaign import TraceJudged, marks_of, trace_shares
 from scenarios.trials.planted.campaign_text import SHARES, VERDICTS, expected_line, false_lines, share_rows, verdict_rows
 from scenarios.trials.planted.declaration import TraceScenario
 from scenarios.trials.planted.study import TraceStudy
@@ -34,8 +36,8 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
     )
 
 
-def campaign_page(scenario: TraceScenario, done: Flown) -> Page:
-    """The page of a campaign: verdicts and shares with their intervals."""
+def campaign_page(scenario: TraceScenario, done: Flown, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a campaign with the figures ``drawn``: verdicts and shares with their intervals, names, probabilities, sigmas."""
     judged: Sequence[TraceJudged] = done.found
     shares, false = trace_shares(judged), false_lines(judged)
     right = shares["expected"]
@@ -51,6 +53,7 @@ def campaign_page(scenario: TraceScenario, done: Flown) -> Page:
         sections=(
             *section("Verdicts", rows_table("Verdicts with their 95 % intervals", VERDICTS, verdict_rows(judged))),
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
+            *marks_sections(marks_of(judged), drawn),
         ),
         reproduction=reproduction(command, sentence(done.words)),
         created=now(),

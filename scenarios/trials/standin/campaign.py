@@ -10,11 +10,14 @@ import numpy as np
 
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.studies.runs.identity import plain
+from scenarios.trials.marks.marked import Marked, claims_of, outcome_of, over_noise, parameter_errors, plain_name, stated_by
+from scenarios.trials.marks.rates import Marks, hidden_label
 from scenarios.trials.repeated import LoopFlights
-from scenarios.trials.scoring import Share, share_of_flights, share_within_flights
+from scenarios.trials.scoring import Share, same_fault, share_of_flights, share_within_flights
 from scenarios.trials.standin.declaration import StandIn
 from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
-from scenarios.trials.standin.study import Naming, Progress, StandInStudy, run_standin
+from scenarios.trials.standin.study import Naming, Progress, StandInStudy, acts, run_standin
+from sim.declaration.proposal import Curve
 from sim.errors import FlightidError
 
 BLOCK = 1.0  # s, of held-out error: longer than what residuals remember
@@ -40,6 +43,7 @@ class Judged:
     worse: bool
     errors: Mapping[str, float]
     bias: Mapping[str, float]
+    marked: Marked | None = None
 
 
 def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage, share: None) -> Judged:
@@ -50,7 +54,33 @@ def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage,
     errors = {name: (found[name].value - limit.values[name]) / found[name].std for name in found} if limit else {}
     bias = {row.name: limit.bias(row.name) for row in study.derivatives} if limit else {}
     d = study.tracing.diagnosis
-    return Judged(seed, d.verdict.value, tuple(map(_said, d.effects)), study.named, study.false, study.small, worsened(study), errors, bias)
+    said = tuple(map(_said, d.effects))
+    return Judged(seed, d.verdict.value, said, study.named, study.false, study.small, worsened(study), errors, bias, marked_of(study))
+
+
+def marked_of(study: StandInStudy) -> Marked:
+    """The same flight for the statistics that all campaigns of the loop have in common; a small cause that acts is no false name.
+
+    It is right where what dominates is named and nothing else claimed, and where nothing does, if nothing is claimed.
+    """
+    d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
+    right = frozenset().union(*(same_fault(name) for name, _ in study.named))
+    acting = {name for claim in claims for name in claim.probability if acts(name, study.standin.causes)}
+    truth = {each.name: each.values for each in study.flight.drawn.hidden if not isinstance(each.effect, Curve)}
+    missed = any(how is Naming.MISSED for _, how in study.named)
+    noise = study.standin.causes.noise_std
+    return Marked(
+        tuple(name for name, _ in study.named),
+        d.verdict.value,
+        outcome_of(d.verdict.value, claims),
+        tuple(claim.name for claim in claims),
+        not (missed or study.false or study.small),
+        study.false,
+        stated_by(claims, frozenset(map(plain_name, {*right, *acting}))),
+        parameter_errors(claims, truth),
+        over_noise(d.error_before, noise),
+        over_noise(d.error_after, noise),
+    )
 
 
 def _said(claim: Claim) -> str:
@@ -86,6 +116,12 @@ def worsened(study: StandInStudy) -> bool:
         size = max(1, round(BLOCK / float(np.median(np.diff(p.record.time)))))
         changes += [float(np.mean(change[at : at + size])) for at in range(0, len(change) - size + 1, size)]
     return bool(np.mean(changes) > SIGMAS * np.std(changes, ddof=1) / np.sqrt(len(changes)))
+
+
+def marks_of(judged: Sequence[Judged]) -> Marks:
+    """The flights for the statistics that all campaigns of the loop have in common."""
+    marked = [flight.marked for flight in judged if flight.marked is not None]
+    return Marks(marked, [hidden_label(each) for each in marked])
 
 
 def standin_flights(standin: StandIn) -> LoopFlights:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from scenarios.diagnosis.report.content import bounded
 from scenarios.files.folders import study_folder
@@ -14,11 +13,17 @@ from scenarios.files.versions import versions
 from scenarios.files.writing import write_json
 from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
+from scenarios.plots.formats import USUAL, Formats
+from scenarios.plots.page.named import Drawn
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
+from scenarios.trials.marks.content import marks_content
+from scenarios.trials.marks.page import drawn_marks
+from scenarios.trials.marks.text import marks_blocks
+from scenarios.trials.repeated import Flown
 from scenarios.trials.scoring import Share
-from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, shares
+from scenarios.trials.standin.campaign import Judged, by_derivative, by_effect, marks_of, shares
 from scenarios.trials.standin.declaration import StandIn
 
 SHARES = ("share", "count", "percent", "95 % interval")
@@ -51,6 +56,7 @@ def campaign_text(standin: StandIn, judged: Sequence[Judged], seeds: str, width:
         false_lines(judged),
         table_lines(columns_of(EFFECTS, effect_rows(judged)), width=width),
         table_lines(columns_of(DERIVATIVES, derivative_rows(judged)), width=width, title=TITLE),
+        *marks_blocks(marks_of(judged), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -82,8 +88,10 @@ def derivative_rows(judged: Sequence[Judged]) -> list[tuple[str, ...]]:
     return [(name, *_share(inside), f"{100.0 * middle:+.1f} %", f"{100.0 * size:.1f} %") for name, (inside, middle, size) in found]
 
 
-def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, flown: Mapping[str, Any], page: Page) -> Path:
-    """Write ``flights.csv``, one row a flight, the ``page``, and ``campaign.json`` (last); ``flown``: its entries on seeds and runs."""
+def write_campaign(standin: StandIn, done: Flown, out: str | Path, paged: Callable[[Sequence[Drawn]], Page], figures: Formats = USUAL) -> Path:
+    """Write ``flights.csv``, one row a flight, figures, the page that ``paged`` makes with them, and ``campaign.json`` (last)."""
+    judged: Sequence[Judged] = done.found
+    marks = marks_of(judged)
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
         writer = csv.writer(text, lineterminator="\n")
@@ -96,16 +104,17 @@ def write_campaign(standin: StandIn, judged: Sequence[Judged], out: str | Path, 
         content = {
             "schema": "flightid/campaign/1",
             "scenario": standin.name,
-            **flown,
+            **done.content,
             "shares": found,
             "effects": {name: {"flights": n, "alone": alone, "group": grouped} for name, (n, alone, grouped) in by_effect(judged).items()},
             "derivatives": {
                 name: {"within_two_sigma": inside.count, "of": inside.of, "bias": bounded(middle), "bias_size": bounded(size)}
                 for name, (inside, middle, size) in by_derivative(judged).items()
             },
+            "marks": marks_content(marks),
             "versions": versions(),
         }
-        write_page(scratch, page)
+        write_page(scratch, paged(drawn_marks(marks, standin.name, scratch, figures)))
         write_json(scratch / "campaign.json", content)
     return Path(out)
 

@@ -9,8 +9,10 @@ from scenarios.pages.model import Bullets, Page, section
 from scenarios.pages.printed import columns_table, rows_table
 from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
+from scenarios.plots.page.named import Drawn
+from scenarios.trials.marks.page import marks_sections
 from scenarios.trials.repeated import Flown
-from scenarios.trials.standin.campaign import Judged, shares
+from scenarios.trials.standin.campaign import Judged, marks_of, shares
 from scenarios.trials.standin.campaign_text import DERIVATIVES as BY_DERIVATIVE
 from scenarios.trials.standin.campaign_text import EFFECTS, SHARES, TITLE, derivative_rows, effect_rows, false_lines, share_rows, verdict_counts
 from scenarios.trials.standin.declaration import StandIn
@@ -32,8 +34,8 @@ def scored_page(study: StandInStudy, page: Page) -> Page:
     )
 
 
-def campaign_page(standin: StandIn, done: Flown) -> Page:
-    """The page of a campaign: shares with intervals, effect by effect, derivative by derivative."""
+def campaign_page(standin: StandIn, done: Flown, drawn: Sequence[Drawn] = ()) -> Page:
+    """The page of a campaign with the figures ``drawn``: shares with intervals, by effect and by derivative; names, probabilities, sigmas."""
     judged: Sequence[Judged] = done.found
     found, false = shares(judged), false_lines(judged)
     named = found["named"]
@@ -51,6 +53,7 @@ def campaign_page(standin: StandIn, done: Flown) -> Page:
             *section("How often the loop is right", rows_table("Shares with their 95 % intervals", SHARES, share_rows(judged))),
             *section("Effect by effect", rows_table("Hidden effects", EFFECTS, effect_rows(judged))),
             *section("Derivative by derivative", rows_table(capital(TITLE), BY_DERIVATIVE, derivative_rows(judged))),
+            *marks_sections(marks_of(judged), drawn),
         ),
         reproduction=reproduction(command, sentence(done.words)),
         created=now(),

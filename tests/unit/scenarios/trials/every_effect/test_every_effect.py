@@ -98,7 +98,9 @@ def test_the_command_writes_a_row_a_flight_and_flies_one_of_them_again(
     assert said == ""
     rows = [*csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines())]
     content = json.loads((tmp_path / "c" / "campaign.json").read_text())
-    assert (content["runs"], content["flights"], content["seed"]) == (2, 2, 3) and content["rates"][0]["right"] == "100 %"
+    assert (content["runs"], content["flights"], content["seed"]) == (2, 2, 3) and content["marks"]["rates"]["density-scale-height"]["right"][
+        "count"
+    ] == 2
     assert (tmp_path / "c" / "report.html").is_file() and [row["right"] for row in rows] == ["True", "True"]
     text = flightid.done(*named, "--only", 1, "--out", tmp_path / "one", "--no-figures")
     assert "flight 1: planted was density-scale-height (change" in text

@@ -12,8 +12,9 @@ from scenarios.trials.every_effect import flight
 from scenarios.trials.every_effect.carriers import MODELS, drawn_carrier, equations_of
 from scenarios.trials.every_effect.drawing import FAR, drawn
 from scenarios.trials.every_effect.flight import STRONGEST, WEAKEST, fly_planted
-from scenarios.trials.every_effect.kinds import NOTHING, UNSEEN, Instance, chosen, effect_of, kind_of, library_kinds
+from scenarios.trials.every_effect.kinds import UNSEEN, Instance, chosen, effect_of, library_kinds
 from scenarios.trials.every_effect.sizing import LARGEST, Scale, amount_for
+from scenarios.trials.marks.rates import NOTHING, kind_of
 from sim.declaration.effect import full_name
 from sim.declaration.model import Noise
 from sim.declaration.proposal import SearchContext, Traceable

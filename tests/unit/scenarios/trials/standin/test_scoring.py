@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -164,7 +165,7 @@ def test_a_campaign_flies_every_seed_and_says_so(monkeypatch: pytest.MonkeyPatch
     text = campaign_text(short(EVERY), judged, done.words)
     assert "2 flights, seeds from 7" in text and "2 of 2" in text
     assert f"seed {seeds[0]}: sensor-lag:alpha and sensor-scale:nz claimed, and not there" in text
-    write_campaign(short(EVERY), judged, tmp_path / "c", done.content, campaign_page(short(EVERY), done))
+    write_campaign(short(EVERY), done, tmp_path / "c", partial(campaign_page, short(EVERY), done))
     assert (tmp_path / "c" / "campaign.json").is_file()
     row = next(csv.DictReader((tmp_path / "c" / "flights.csv").read_text().splitlines()))
     assert (row["seed"], row["verdict"], row["hidden"], row["false_claims"]) == (str(seeds[0]), "partial", "", "sensor-lag:alpha + sensor-scale:nz")

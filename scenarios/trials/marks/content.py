@@ -1,0 +1,45 @@
+"""The statistics of a campaign of the loop for ``campaign.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from scenarios.trials.marks.coverage import SIGMAS, coverage_of
+from scenarios.trials.marks.marked import Marked
+from scenarios.trials.marks.probabilities import brier, reliability_of
+from scenarios.trials.marks.rates import Marks, false_share, outcomes, right_share, standings
+from scenarios.trials.scoring import Share
+
+
+def marks_content(marks: Marks) -> dict[str, Any]:
+    """Rates by label, conclusions, false names where nothing is hidden, probabilities of names, coverage; shares as count, of and interval."""
+    flights = marks.flights
+    score = brier(flights)
+    return {
+        "rates": {label: _rates(group) for label, group in marks.groups.items()},
+        "all": _rates(flights),
+        "concluded": {label: dict(row) for label, row in marks.confusion.items()},
+        "false_names_on_clean": share_content(false_share([each for each in flights if not each.hidden])),
+        "reliability": [{**asdict(item), "interval": list(item.interval)} for item in reliability_of(flights)],
+        **({} if score is None else {"brier": {**asdict(score), "interval": list(score.interval)}}),
+        "coverage": {
+            label: {f"within_{k}_sigma": share_content(share) for k, share in zip(SIGMAS, shares, strict=True)}
+            for label, shares in coverage_of(marks).items()
+        },
+    }
+
+
+def share_content(share: Share) -> dict[str, Any]:
+    """A share as plain data."""
+    return {"count": share.count, "of": share.of, "interval": list(share.interval)}
+
+
+def _rates(flights: Sequence[Marked]) -> dict[str, Any]:
+    return {
+        "right": share_content(right_share(flights)),
+        "false": share_content(false_share(flights)),
+        "outcomes": {outcome.value: share_content(share) for outcome, share in outcomes(flights).items()},
+        "standings": {standing.value: share.count for standing, share in standings(flights).items()},
+    }
