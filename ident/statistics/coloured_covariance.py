@@ -50,7 +50,7 @@ def corrected_covariance(
             lags = min(max(10, residual.shape[1] // 5), residual.shape[1] - 1)
             covariance = autocovariance(residual[i], lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
             sensitivity = np.where(valid[i][:, None], jacobian[i], 0.0) / variance[i]
-            middle[np.ix_(at, at)] += _filtered_product(sensitivity, covariance)
+            middle[np.ix_(at, at)] += filtered_product(sensitivity, covariance)
     corrected = inverse @ middle @ inverse
     white, own = np.diag(inverse), np.diag(corrected)
     # Where the residuals say nothing at all (exact data) the white value stands alone.
@@ -59,7 +59,7 @@ def corrected_covariance(
     return corrected * np.outer(factor, factor) + np.diag(np.where(told, 0.0, white))
 
 
-def _filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance: over frequencies, by Parseval, of spectra of padded series."""
     n, lags = len(sensitivity), len(covariance) - 1
     size = _length(n + 2 * lags + 1)

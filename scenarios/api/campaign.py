@@ -17,7 +17,8 @@ from scenarios.api.shown.report import write_report
 from scenarios.api.study import Settings, changes_of, seed_of
 from scenarios.files.declarations import named_after
 from scenarios.studies import campaign as campaigns
-from scenarios.studies.campaign_statistics.statistics import CampaignStatistics, campaign_statistics
+from scenarios.studies.campaign_causes.findings import Judgement, judge
+from scenarios.studies.campaign_causes.page import findings_content
 from scenarios.studies.catalogue import IDENTIFICATION, load_document, scenario_kind
 from scenarios.studies.runs.work import Rebuilt
 from scenarios.tasks.manner import Manner
@@ -32,9 +33,11 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Estimates of many runs against what is true. ``details``: everything that the library knows of it."""
+    """Estimates of many runs against what is true. ``details``: everything that the library knows of it; ``noise_levels``: whether these are looked
+    for also where no sigma is wrong."""
 
     details: campaigns.Campaign
+    noise_levels: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,11 +81,20 @@ class Campaign:
 
         from scenarios.studies.campaign_statistics.content import statistics_csv
 
-        return pandas.read_csv(io.StringIO(statistics_csv(self._statistics)), index_col="parameter")
+        return pandas.read_csv(io.StringIO(statistics_csv(self._judgement.statistics)), index_col="parameter")
+
+    def wrong_sigmas(self) -> pandas.DataFrame:
+        """One row a parameter whose sigma is wrong, SI: the factor that makes it right, causes, the reported and the right sigma, and the share of
+        the runs within two right ones."""
+        import pandas
+
+        rows = findings_content(self._judgement.findings)["wrong_sigmas"]
+        columns = ["factor", "causes", "reported_std", "right_std", "right_within_2", "right_within_2_low", "right_within_2_high", "runs"]
+        return pandas.DataFrame(list(rows.values()), columns=columns, index=pandas.Index(list(rows), name="parameter"))
 
     @cached_property
-    def _statistics(self) -> CampaignStatistics:
-        return campaign_statistics(self.details)
+    def _judgement(self) -> Judgement:
+        return judge(self.details, levels=self.noise_levels)
 
     def estimates(self) -> pandas.DataFrame:
         """One row a run: its seed, each estimate and its ``std_NAME``."""
@@ -98,13 +110,13 @@ class Campaign:
         from scenarios.studies.campaign_text import print_campaign
         from scenarios.terminal.numbers import as_text
 
-        return as_text(lambda out: print_campaign(self.details, out, KEPT, self._statistics))
+        return as_text(lambda out: print_campaign(self.details, out, KEPT, self._judgement))
 
     def save(self, folder: str | PathLike[str]) -> Path:
         """Write ``campaign.json`` and ``estimates.csv`` as the command does with ``--out``; returns the folder."""
         from scenarios.studies.campaign_text import write_campaign
 
-        return write_campaign(self.details, self._statistics, Path(folder))
+        return write_campaign(self.details, self._judgement, Path(folder))
 
     @property
     def _title(self) -> str:
@@ -130,6 +142,7 @@ def campaign(
     seed: int | None = None,
     set: Settings = None,
     method: str | None = None,
+    noise_levels: bool = False,
     jobs: int | None = None,
     out: str | PathLike[str] | None = None,
     resume: bool = False,
@@ -137,6 +150,8 @@ def campaign(
     time_limit: float | None = None,
 ) -> Campaign:
     """The same scenario with ``runs`` seeds that spring from ``seed``: bias, scatter against reported sigma, coverage; as ``flightid campaign``.
+
+    ``noise_levels`` : find them by likelihood also where no sigma is wrong.
 
     ``jobs`` : processes, else one a core. ``out`` : a folder in which runs are kept as they come; ``resume`` goes on with them, ``runs`` may be more
     than before. ``cluster`` : the address of a Dask scheduler. ``time_limit`` : s that a run may take.
@@ -159,7 +174,7 @@ def campaign(
         found = campaigns.fly_campaign(again.scenario(), count, seed_of(seed), method or "main", untold, manner, again)
     if len(found.seeds) < found.asked:
         raise KeyboardInterrupt(f"{len(found.seeds)} of {count} runs had ended")  # a program must not go on as if all had
-    return Campaign(found)
+    return Campaign(found, noise_levels)
 
 
 def _count_of(given: Any) -> int:

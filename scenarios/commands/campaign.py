@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from scenarios.files.declarations import named_after
 from scenarios.plots.formats import USUAL, Formats
-from scenarios.studies.campaign import fly_campaign
-from scenarios.studies.campaign_statistics.statistics import campaign_statistics
+from scenarios.studies.campaign import Campaign, Progress, fly_campaign
+from scenarios.studies.campaign_causes.findings import Judgement, judge
 from scenarios.studies.campaign_text import print_campaign, write_campaign
 from scenarios.studies.declaration import Scenario
 from scenarios.studies.runs.work import Rebuilt
@@ -31,6 +31,7 @@ def own_campaign(
     changes: Sequence[str],
     figures: Formats = USUAL,
     *,
+    levels: bool = False,
     progress: bool = True,
 ) -> None:
     """The same of a user's own model in a flight that the command line describes."""
@@ -40,7 +41,7 @@ def own_campaign(
 
     again = Rebuilt(with_changes(study_document(asked), changes), Path(asked.model).stem, asked.model)
     scenario = scenario_of(again.document, again.name, again.where)
-    _run(scenario, again, runs, seed, manner, figures, progress=progress)
+    _run(scenario, again, runs, seed, manner, figures, levels=levels, progress=progress)
 
 
 def run_campaign(
@@ -52,12 +53,14 @@ def run_campaign(
     method: str | None = None,
     figures: Formats = USUAL,
     *,
+    levels: bool = False,
     progress: bool = True,
     effects: Sequence[str] | None = None,
 ) -> None:
     """Run, print, and write ``campaign.json`` and the runs into ``manner.out``; of a scenario of estimators by one ``method``, else its main.
 
-    ``progress`` False: nothing is shown of how far it is. Ctrl-C leaves the table of the runs that had ended. ``effects`` : of ``every-effect``.
+    ``levels``: noise levels by likelihood even where no sigma is wrong. ``progress`` False: nothing is shown of how far it is.
+    Ctrl-C leaves the table of the runs that had ended. ``effects`` : of ``every-effect``.
     """
     from scenarios.studies.catalogue import IDENTIFICATION, load_document, load_scenario, scenario_kind
 
@@ -66,6 +69,8 @@ def run_campaign(
     kind = "" if name in LOOP else scenario_kind(name)
     if kind != IDENTIFICATION:
         refuse_method(method)
+        if levels:
+            raise DeclarationError("noise levels are those of an estimator", where="--noise-levels", remedy="leave it out")
     if name == EVERY:
         from scenarios.commands.simulated.every_effect import every_effect_campaign
 
@@ -91,7 +96,7 @@ def run_campaign(
         raise DeclarationError(f"there is no campaign of a scenario of kind {kind}", where=name, remedy=remedy)
     document, short, where = load_document(name, changes)
     again = Rebuilt({key: value for key, value in document.items() if key != "kind"}, short, where)
-    _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", progress=progress)
+    _run(load_scenario(name, changes), again, runs, seed, manner, figures, method or "main", levels=levels, progress=progress)
 
 
 def refuse_method(method: str | None) -> None:
@@ -116,15 +121,28 @@ def _run(
     figures: Formats,
     method: str = "main",
     *,
+    levels: bool = False,
     progress: bool = True,
 ) -> None:
     with named_after(again.where), progress_bar(progress) as tell:
         campaign = fly_campaign(scenario, runs, seed, method, tell, manner, again)
+        judgement, ended = _judged(campaign, levels, tell)
     out = manner.out
-    statistics = campaign_statistics(campaign)
-    print_campaign(campaign, details=details_in(out), statistics=statistics)
+    print_campaign(campaign, details=details_in(out), judgement=judgement)
     if out is not None:
-        write_campaign(campaign, statistics, out, figures=figures)
+        write_campaign(campaign, judgement, out, figures=figures)
         print(written_to(out))
     if len(campaign.seeds) < campaign.asked:
         raise stopped(len(campaign.seeds), campaign.asked, "runs", out)
+    if not ended:
+        raise KeyboardInterrupt("all runs had ended; why sigmas are wrong was not looked for to the end")
+
+
+def _judged(campaign: Campaign, levels: bool, tell: Progress) -> tuple[Judgement, bool]:
+    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended the search for them."""
+    whole = len(campaign.seeds) == campaign.asked
+    tell("whether the sigmas are right, and why not", 1.0)
+    try:
+        return judge(campaign, causes=whole, levels=levels), True
+    except KeyboardInterrupt:
+        return judge(campaign, causes=False), False

@@ -17,8 +17,10 @@ from scenarios.pages.folder import write_page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_causes.findings import Judgement
+from scenarios.studies.campaign_causes.page import findings_content
+from scenarios.studies.campaign_causes.text import print_findings
 from scenarios.studies.campaign_statistics.content import statistics_content, statistics_csv
-from scenarios.studies.campaign_statistics.statistics import CampaignStatistics
 from scenarios.studies.campaign_statistics.text import print_statistics
 from scenarios.studies.report.campaign import campaign_page
 from scenarios.terminal.display_units import shown_in, unit_cell
@@ -27,8 +29,8 @@ from scenarios.terminal.summary import BELOW, Summary, print_summary
 from scenarios.terminal.tables import Column, print_table
 
 
-def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW, statistics: CampaignStatistics | None = None) -> None:
-    """A summary, the table of all parameters, its statistics where they are given, and how many runs broke down."""
+def print_campaign(campaign: Campaign, out: Console | None = None, details: str = BELOW, judgement: Judgement | None = None) -> None:
+    """A summary, the table of all parameters, what is judged of its sigmas where that is given, and how many runs broke down."""
     terminal = out or console()
     seeds = campaign.seeds
     title = f"{campaign.scenario.name}: {len(seeds)} runs from seed {campaign.root}, {campaign.estimation.label}"
@@ -50,8 +52,9 @@ def print_campaign(campaign: Campaign, out: Console | None = None, details: str 
     result = f"within 2 sigma {100 * pooled.within_two:.1f} % (95 % interval {low_high} %), within 1 sigma {100 * pooled.within_one:.1f} %"
     print_summary(terminal, Summary(title, settled, result, details=details))
     print_table(terminal, title, [*sizes, *shares])
-    if statistics is not None:
-        print_statistics(statistics, terminal)
+    if judgement is not None:
+        print_statistics(judgement.statistics, terminal)
+        print_findings(judgement.findings, terminal)
     if campaign.broken:
         terminal.print(broken_words(campaign))
 
@@ -69,7 +72,7 @@ def _shown(s: Spread) -> Spread:
     return replace(s, unit=unit, **sizes)
 
 
-def write_campaign(campaign: Campaign, statistics: CampaignStatistics, out: Path, *, figures: Formats = USUAL) -> Path:
+def write_campaign(campaign: Campaign, judgement: Judgement, out: Path, *, figures: Formats = USUAL) -> Path:
     """Write ``campaign.json``, ``statistics.csv``, ``estimates.csv``, figures and the page into ``out``, whole or not at all; returns it."""
     with study_folder(out, "campaign.json") as scratch:
         text = io.StringIO(newline="")
@@ -78,15 +81,15 @@ def write_campaign(campaign: Campaign, statistics: CampaignStatistics, out: Path
         sound = campaign.seeds[campaign.kept].tolist()
         for seed, value, std in zip(sound, campaign.values.T.tolist(), campaign.std.T.tolist(), strict=True):
             writer.writerow([seed, *(repr(cell) for pair in zip(value, std, strict=True) for cell in pair)])
-        (scratch / "statistics.csv").write_text(statistics_csv(statistics), encoding="utf-8")
+        (scratch / "statistics.csv").write_text(statistics_csv(judgement.statistics), encoding="utf-8")
         (scratch / "estimates.csv").write_text(text.getvalue(), encoding="utf-8")
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page
             from scenarios.studies.figures import campaign_figures
 
-            drawn = drawn_for_page(campaign_figures(campaign, statistics), scratch, figures)
-        write_page(scratch, campaign_page(campaign, statistics, drawn))
+            drawn = drawn_for_page(campaign_figures(campaign, judgement.statistics), scratch, figures)
+        write_page(scratch, campaign_page(campaign, judgement, drawn))
         content = {
             "schema": "flightid/campaign/1",
             "scenario": campaign.scenario.name,
@@ -102,7 +105,8 @@ def write_campaign(campaign: Campaign, statistics: CampaignStatistics, out: Path
                 "within_two_sigma": campaign.pooled.within_two,
                 "interval": list(campaign.pooled.interval),
             },
-            "statistics": statistics_content(statistics),
+            "statistics": statistics_content(judgement.statistics),
+            **findings_content(judgement.findings),
             "versions": versions(),
         }
         write_json(scratch / "campaign.json", content)

@@ -53,6 +53,9 @@ def campaign(
         typer.Option("--effects", metavar="EFFECT,...", autocompletion=completed_effects, help="Of every-effect: these alone."),
     ] = None,
     only: Annotated[int | None, typer.Option("--only", min=0, metavar="NUMBER", help="Of every-effect: one flight again.")] = None,
+    noise_levels: Annotated[
+        bool, typer.Option("--noise-levels", help="Also find the noise levels by likelihood, which is done anyway where a sigma is wrong.")
+    ] = False,
     jobs: Jobs = None,
     resume: Resume = False,
     cluster: Cluster = None,
@@ -83,7 +86,7 @@ def campaign(
             return
         assert runs is not None
         if isinstance(what, str):
-            run_campaign(what, runs, seed, manner, changes or [], method, told.figures, progress=told.progress, effects=named)
+            run_campaign(what, runs, seed, manner, changes or [], method, told.figures, levels=noise_levels, progress=told.progress, effects=named)
         else:
             refuse_method(method)
-            own_campaign(what, runs, seed, manner, changes or [], told.figures, progress=told.progress)
+            own_campaign(what, runs, seed, manner, changes or [], told.figures, levels=noise_levels, progress=told.progress)

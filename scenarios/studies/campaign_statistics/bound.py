@@ -37,6 +37,8 @@ class Bound:
     data : least standard deviation of an unbiased estimate from one record alone; infinite where the record leaves it open.
     scatter : least standard deviation over runs of an estimate that counts the method's priors, which keep it from scattering.
     pull : by how much these priors move its mean. stated : the standard deviation that it would state.
+    gain : ``(n, n)`` from the scores ``slopes' residuals`` to estimates; ``slopes (M, n)`` of the measured samples in units of the noise,
+        what states at the start and zeros of sensors explain taken out; None where process noise acts.
     """
 
     names: tuple[str, ...]
@@ -44,6 +46,8 @@ class Bound:
     scatter: np.ndarray
     pull: np.ndarray
     stated: np.ndarray
+    gain: np.ndarray
+    slopes: np.ndarray | None = None
 
     @property
     def prior_share(self) -> np.ndarray:
@@ -58,20 +62,22 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
     noise = Noise({name: common.truth.noise_std[name] for name in estimation.outputs}, common.truth.process_density)
     if any(not noise.measurement_std[name] > 0.0 for name in estimation.outputs):
         return None  # exact data bound nothing
+    slopes: np.ndarray | None = None
     try:
         if common.truth.process_density:
-            data = _forced(estimation, model.with_noise(noise), common.record, common.truth)
+            data: np.ndarray | None = _forced(estimation, model.with_noise(noise), common.record, common.truth)
         else:
-            data = _calm(estimation, model.with_noise(noise), common.record, names)
+            slopes = _calm(estimation, model.with_noise(noise), common.record, names)
+            data = slopes.T @ slopes
     except (FlightidError, np.linalg.LinAlgError):
         return None
     if data is None or not np.all(np.isfinite(data)):
         return None
-    return _with_priors(estimation, names, data, np.array([common.reference[name] for name in names]))
+    return replace(_with_priors(estimation, names, data, np.array([common.reference[name] for name in names])), slopes=slopes)
 
 
 def _calm(estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]) -> np.ndarray:
-    """Information ``(n, n)`` of a record without process noise: of its sensitivities, states at the start and zeros of sensors taken out."""
+    """Slopes ``(M, n)`` of a record without process noise in units of the noise, states at the start and zeros of sensors taken out."""
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
     else:
@@ -80,12 +86,11 @@ def _calm(estimation: Estimation, model: Model, record: Record, names: tuple[str
         system = biased_system(estimation, model)
     levels = np.array([model.noise.measurement_std[name] for name in system.output_names])
     found, slopes = weighted_sensitivities(record, system, levels)
-    order = [found.index(name) for name in names]
-    return np.asarray(slopes[:, order].T @ slopes[:, order])
+    return np.asarray(slopes[:, [found.index(name) for name in names]])
 
 
 def _forced(estimation: Estimation, model: Model, record: Record, truth: Truth) -> np.ndarray | None:
-    """The same with process noise: what a Kalman filter with the true noise levels gains on exact data, which keep it at the reference."""
+    """Information ``(n, n)`` with process noise: what a Kalman filter with the true levels gains on exact data, which keep it at the reference."""
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
         return None  # a parameter that drifts has no one value that could be bounded
@@ -112,10 +117,10 @@ def _with_priors(estimation: Estimation, names: tuple[str, ...], data: np.ndarra
         stated, gain, left = _passes(data, prior, passes, estimation.spread)
         scatter, pull = np.sqrt(np.maximum(np.diag(gain @ data @ gain.T), 0.0)), left @ (start - reference)
     else:
-        stated, scatter, pull = alone_std, alone_std, np.zeros(len(names))
+        stated, scatter, pull, gain = alone_std, alone_std, np.zeros(len(names)), alone
     # What is known a thousand times worse than before the flight is open: its bound is the arithmetic's.
     open_ = alone_std > 1e3 * np.where(np.isfinite(prior), prior, np.inf)
-    return Bound(names, np.where(open_, np.inf, alone_std), scatter, pull, stated)
+    return Bound(names, np.where(open_, np.inf, alone_std), scatter, pull, stated, gain)
 
 
 def _passes(data: np.ndarray, prior: np.ndarray, passes: int, spread: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

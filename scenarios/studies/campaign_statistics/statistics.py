@@ -139,7 +139,8 @@ def _parameter(spread: Spread, values: np.ndarray, std: np.ndarray, bound: Bound
     coverage = coverage_of((values - spread.reference) / std)
     ours = (spread.name, spread.unit, spread.reference, spread.bias, spread.scatter / runs**0.5, spread.scatter, spread.reported)
     found = ParameterStatistics(*ours, ratio, (low * ratio, high * ratio), coverage)
-    if bound is None or not np.isfinite(bound.data[at]) or spread.scatter == 0.0:
+    # Without a prior nothing bounds what a record leaves open.
+    if bound is None or spread.scatter == 0.0 or (np.isinf(bound.data[at]) and not bound.prior_share[at] > 0.0):
         return found
     best = float(bound.scatter[at])
     efficiency = (best / spread.scatter) ** 2

@@ -11,18 +11,20 @@ from scenarios.pages.reproduction import now, reproduction
 from scenarios.pages.wording import capital, sentence
 from scenarios.plots.page.named import Drawn
 from scenarios.studies.campaign import Campaign, Spread
+from scenarios.studies.campaign_causes.findings import Judgement
+from scenarios.studies.campaign_causes.page import findings_blocks
+from scenarios.studies.campaign_causes.text import cause_sentences
 from scenarios.studies.campaign_statistics.page import statistics_blocks
-from scenarios.studies.campaign_statistics.statistics import CampaignStatistics
 from scenarios.terminal.numbers import number
 
 TWO_SIGMA = 0.9545  # of a normal distribution
 
 
-def campaign_page(campaign: Campaign, statistics: CampaignStatistics, drawn: Sequence[Drawn] = ()) -> Page:
+def campaign_page(campaign: Campaign, judgement: Judgement, drawn: Sequence[Drawn] = ()) -> Page:
     """The page of a campaign with the figures ``drawn``."""
     scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
     low, high = pooled.interval
-    honest = low <= TWO_SIGMA <= high
+    wrong = judgement.findings.found
     share = f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals hold the reference (95 % interval {100 * low:.1f} to {100 * high:.1f} %, "
     share += f"{100 * TWO_SIGMA:.1f} % expected)"
     worst = max(campaign.spreads, key=lambda s: abs(s.bias) / s.scatter if s.scatter > 0.0 else 0.0)
@@ -34,14 +36,14 @@ def campaign_page(campaign: Campaign, statistics: CampaignStatistics, drawn: Seq
     return Page(
         title=f"{capital(scenario.title)}: {len(seeds)} runs",
         kind=f"Campaign of {scenario.name}, {campaign.estimation.label}",
-        verdict="sigmas hold" if honest else "sigmas too small" if pooled.within_two < TWO_SIGMA else "sigmas too large",
-        tone="good" if honest else "fair",
+        verdict="sigmas hold" if not wrong else f"{len(wrong)} of {len(campaign.names)} sigmas wrong",
+        tone="good" if not wrong else "fair",
         sentence=sentence(share),
         summary=tuple(sentence(line) for line in (bias,) if line),
-        warnings=tuple(sentence(line) for line in (broken,) if line),
+        warnings=tuple(sentence(line) for line in (broken, *cause_sentences(judgement.findings)) if line),
         sections=(
             *section("Bias and scatter", *_sizes(campaign)),
-            *section("Whether the sigmas are right", *statistics_blocks(statistics)),
+            *section("Whether the sigmas are right", *findings_blocks(judgement.findings), *statistics_blocks(judgement.statistics)),
             *section("Figures", *figures(drawn)),
             *section(
                 "How it was made", Prose(f"Truth and model: {scenario.distance}. Each run has a seed of its own; flightid run with it repeats one.")

@@ -22,7 +22,8 @@ LANES = 8  # runs, of which a batch has a multiple: linear algebra adds up a sin
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """What k runs gave: parameters and sigmas ``(n, k)``, covariances ``(k, n, n)``, outcome codes, and of filters the sum of the normalised
-    innovations squared ``(k,)`` and of how many measured numbers that is ``(k,)``, else zeros."""
+    innovations squared ``(k,)`` and of how many measured numbers that is ``(k,)``, else zeros; ``noise_std (m, k)`` of ``outputs``, assumed or
+    estimated."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -30,6 +31,8 @@ class Estimates:
     outcomes: tuple[str, ...]
     nis: np.ndarray
     degrees: np.ndarray
+    outputs: tuple[str, ...]
+    noise_std: np.ndarray
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
@@ -48,6 +51,8 @@ def one_by_one(estimation: Estimation, records: Sequence[Record], model: Model) 
         tuple(each.outcome.code for each in found),
         np.array([0.0 if history is None else float(history.nis.sum()) for history in histories]),
         np.array([0 if history is None else int(history.degrees.sum()) for history in histories]),
+        found[0].output_names,
+        np.array([each.noise_std for each in found]).T,
     )
 
 
@@ -67,7 +72,9 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
         bank = run_bank(records[0], system, replace(settings, passes=1), z=z)
         mean, covariance, sound, nis = _narrowed_passes(estimation, records[0], system, bank, z)
     outcomes = tuple("converged" if each else "diverged" for each in sound[:count])
-    return Estimates(bank.names[n_x:], mean[n_x:, :count], covariance[:count, n_x:, n_x:], outcomes, nis[:count], np.full(count, degrees, dtype=int))
+    told = np.array([[model.noise.measurement_std[name]] * count for name in system.output_names])
+    found = bank.names[n_x:], mean[n_x:, :count], covariance[:count, n_x:, n_x:]
+    return Estimates(*found, outcomes, nis[:count], np.full(count, degrees, dtype=int), system.output_names, told)
 
 
 def _narrowed_passes(

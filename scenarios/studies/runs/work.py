@@ -12,7 +12,7 @@ import numpy as np
 from scenarios.studies.declaration import Estimation, Scenario, seen_by
 from scenarios.studies.estimating import assumed_noise, declared_model, flight_constants
 from scenarios.studies.flying import fly_scenario, measured_again
-from scenarios.studies.runs.batch import batched, is_batched, one_by_one
+from scenarios.studies.runs.batch import Estimates, batched, is_batched, one_by_one
 from scenarios.studies.runs.identity import identity_of
 from scenarios.studies.study import references
 from scenarios.tasks.work import Row, Task
@@ -80,15 +80,13 @@ class EstimatorRuns:
         Raises FlightidError where something is declared that cannot be flown or estimated.
         """
         record, truth = fly_scenario(self.seen, self.scenario.seed)
-        model = declared_model(self.estimation, flight_constants(self.seen.flight, self.estimation), assumed_noise(self.seen, self.estimation))
+        model = self.declared(self.estimation)
         reference = {**{item.name: item.value for item in truth.parameters}, **references(self.seen, self.estimation)}
         return _Common(model, record, truth, reference)
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
         """One row a run. Where process noise really acts or measured outputs are fed back every run is flown anew, else measured again."""
-        records = [self._record(task.seed) for task in tasks]
-        estimated = batched if self.block == CHUNK else one_by_one
-        found = estimated(self.estimation, records, self.common.model)
+        found = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
         std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T, 0.0))
         error = found.values - np.array([[self.common.reference[name]] for name in found.names])
         rows: list[Row | str] = []
@@ -109,7 +107,17 @@ class EstimatorRuns:
             )
         return rows
 
-    def _record(self, seed: int) -> Record:
+    def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
+        """Records of this work by its method or by a changed one."""
+        model = self.common.model if estimation is self.estimation else self.declared(estimation)
+        return batched(estimation, records, model) if self.block == CHUNK else one_by_one(estimation, records, model)
+
+    def declared(self, estimation: Estimation) -> Model:
+        """The model that a method starts from."""
+        return declared_model(estimation, flight_constants(self.seen.flight, estimation), assumed_noise(self.seen, estimation))
+
+    def record_of(self, seed: int) -> Record:
+        """What a run measured, by its seed."""
         record, truth, noise = self.common.record, self.common.truth, self.estimation.flown_noise_std
         if self.seen.flight.process_noise or self.seen.flight.feedback:
             record, truth = fly_scenario(self.seen, seed)

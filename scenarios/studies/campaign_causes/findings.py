@@ -1,0 +1,158 @@
+"""Why each wrong sigma is wrong, and the right one beside it with its own coverage.
+
+A cause is what foretells the errors (the prior, coloured noise) or what, changed, makes the sigma right (start, integration, noise levels, the
+size of the noise); where nothing does, the model cannot follow the truth. Nothing is read off the scenario's declaration of what is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenarios.studies.campaign import Campaign
+from scenarios.studies.campaign_causes.foretold import foretold_by_colour, foretold_by_prior
+from scenarios.studies.campaign_causes.judged import Wrong, judged_wrong
+from scenarios.studies.campaign_causes.levels import Levels, likely_levels
+from scenarios.studies.campaign_causes.residuals import Residuals, residuals_of
+from scenarios.studies.campaign_causes.trials import Trial, Trials, closest, quiet_trial
+from scenarios.studies.campaign_statistics.bound import FILTERS, Bound, bound_of
+from scenarios.studies.campaign_statistics.statistics import NORMAL, CampaignStatistics, Within, campaign_statistics, coverage_of
+
+NEAR = 0.15  # of a logarithm: as near as a foretold size of the errors has to come to theirs
+LITTLE, LARGE = 0.05, 0.3  # misfits in units of the noise: below the first none, above the second what process noise by likelihood would stand for
+GONE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
+OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
+PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Why the sigma of one parameter is wrong.
+
+    ``causes`` : by their keys. ``corrected`` : the right sigma in the parameter's unit, ``coverage`` its share within two; ``again`` : it is that of
+    runs computed again with the cause removed, not of the estimates as they were. ``strength`` : what the cause says of itself, such as
+    the prior's share.
+    """
+
+    wrong: Wrong
+    causes: tuple[str, ...]
+    corrected: float
+    coverage: Within
+    again: bool
+    strength: float = math.nan
+
+    @property
+    def name(self) -> str:
+        """The parameter."""
+        return self.wrong.statistics.name
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All wrong sigmas of a campaign, and from what that was told: noise levels, residuals, how many runs were computed ``again``."""
+
+    found: tuple[Finding, ...]
+    levels: Levels | None = None
+    residuals: Residuals | None = None
+    again: int = 0
+
+    @property
+    def misfits(self) -> bool:
+        """Whether the model leaves so much of the flight that process noise by likelihood would stand for it."""
+        return self.residuals is not None and self.residuals.misfit > LARGE
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is said of a campaign: its statistics, and why sigmas are wrong."""
+
+    statistics: CampaignStatistics
+    findings: Findings
+
+
+def judge(campaign: Campaign, *, causes: bool = True, levels: bool = False) -> Judgement:
+    """Statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``: noise levels by likelihood in any case."""
+    statistics = campaign_statistics(campaign)
+    return Judgement(statistics, findings_of(campaign, statistics, levels=levels) if causes else Findings(()))
+
+
+def findings_of(campaign: Campaign, statistics: CampaignStatistics, *, levels: bool = False) -> Findings:
+    """Why sigmas are wrong; ``levels``: noise levels by likelihood also where none is."""
+    wrong = judged_wrong(statistics)
+    seeds = tuple(int(seed) for seed in campaign.seeds[campaign.kept])
+    if not wrong:
+        return Findings((), likely_levels(campaign.work, seeds) if levels else None)
+    work, bound = campaign.work, bound_of(campaign.work)
+    found = {each.at: told for each in wrong if (told := _by_prior(each, bound, statistics)) is not None}
+    residuals = residuals_of(work, seeds)
+    scale = _scale(bound, residuals, campaign)
+    if scale is not None and residuals is not None:
+        left = [each for each in wrong if each.at not in found]
+        found |= {each.at: told for each in left if (told := _by_colour(each, scale, residuals, statistics)) is not None}
+    rest = [each for each in wrong if each.at not in found]
+    likely = likely_levels(work, seeds) if rest or levels else None
+    # Levels that make up for a misfit are no noise.
+    trials = Trials.of(campaign, likely if residuals is None or residuals.misfit <= LARGE else None, scale)
+    cured = closest(trials, [each.at for each in rest])
+    colour = _strongest(residuals) if scale is not None and residuals is not None else None
+    for each in rest:
+        found[each.at] = _of_trial(each, cured[each.at], colour) if each.at in cured else _left(each, trials, residuals, statistics)
+    return Findings(tuple(found[each.at] for each in wrong), likely, residuals, len(trials.seeds))
+
+
+def _near(foretold: float, seen: float, runs: int) -> bool:
+    """Whether a foretold size of the errors is that which was seen."""
+    return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(NEAR, 3.0 / math.sqrt(2.0 * runs))
+
+
+def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
+    """Where the prior is so much of what is stated that it foretells the errors."""
+    if bound is None:
+        return None
+    foretold, share = foretold_by_prior(bound, wrong.at)
+    errors = statistics.sigmas[wrong.at]
+    if (share < 0.2 and foretold < 1.0 + NEAR) or not _near(foretold, wrong.rms, len(errors)):
+        return None
+    return Finding(wrong, (PRIOR,), foretold * wrong.statistics.reported, coverage_of(errors / foretold)[1], False, share)
+
+
+def _scale(bound: Bound | None, residuals: Residuals | None, campaign: Campaign) -> np.ndarray | None:
+    """By what sigmas ``(n,)`` are too small for coloured noise, of filters that take it for white; None where it is white."""
+    estimation = campaign.estimation
+    if bound is None or residuals is None or not residuals.coloured or estimation.method not in FILTERS or estimation.process_noise:
+        return None
+    return foretold_by_colour(bound, residuals)
+
+
+def _by_colour(wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics) -> Finding | None:
+    """Where the colour of the noise alone foretells the scatter."""
+    errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
+    if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
+        return None
+    return Finding(wrong, (COLOUR,), factor * wrong.statistics.reported, coverage_of(errors / factor)[1], False, _strongest(residuals))
+
+
+def _strongest(residuals: Residuals) -> float:
+    return float(residuals.colour[np.argmax(np.abs(residuals.colour))])
+
+
+def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
+    errors, std = trial.errors[wrong.at], trial.std[wrong.at]
+    causes = trial.keys if strength is None else (COLOUR, *trial.keys)
+    return Finding(wrong, causes, float(np.sqrt(np.mean(std**2))), coverage_of(errors / std)[1], True, math.nan if strength is None else strength)
+
+
+def _left(wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics) -> Finding:
+    """Where no change cures: noise that is a bias, or a model that cannot follow the truth; the sigma of half the runs, tried on the others."""
+    errors = statistics.sigmas[wrong.at]
+    half, others = errors[::2], errors[1::2]
+    factor = float(np.quantile(np.abs(half), NORMAL[2])) / 2.0
+    misfit = residuals.misfit if residuals is not None else 0.0
+    cause, strength = (MODEL, misfit) if misfit > LITTLE else (OPEN, misfit)
+    if cause == OPEN and wrong.mean**2 > OF_BIAS * wrong.rms**2:
+        first, quiet = trials.trial(()), quiet_trial(trials)
+        if first is not None and quiet is not None and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean()):
+            cause = NOISE
+    return Finding(wrong, (cause,), factor * wrong.statistics.reported, coverage_of(others / factor)[1], False, strength)
