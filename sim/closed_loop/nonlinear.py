@@ -11,6 +11,7 @@ import numpy as np
 
 from sim.closed_loop.airframe import X29
 from sim.closed_loop.equations import law_matrices, mixing, plant, shape_stick, shaping_matrices
+from sim.closed_loop.free_frames import FRAMES, filtered, free_frames
 from sim.closed_loop.limits import ALL_FREE, RamMode, Stepper, advance, prepare
 from sim.errors import ModelError
 from sim.record import Channel, Record
@@ -18,6 +19,7 @@ from sim.record import Channel, Record
 Stick = Callable[[np.ndarray], np.ndarray]
 # Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
 _DEPARTURE = 1.0
+_WAIT = 8  # frames that are stepped one by one after one that was limited
 
 
 class FlightOutcome(Enum):
@@ -139,6 +141,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
     system, law = plant(x29), law_matrices(x29.law)
     n, count = system.A.shape[0], reference.size
     steppers = _steppers(x29, pieces)
+    free = free_frames(x29, steppers, _DEPARTURE)
     mix = mixing(x29)
     lower = np.array([surface.lower - surface.trim for surface in x29.surfaces])
     upper = np.array([surface.upper - surface.trim for surface in x29.surfaces])
@@ -150,8 +153,15 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
     rate_limited, stopped = np.zeros((count, 3), dtype=bool), np.zeros((count, 3), dtype=bool)
     state, computer, modes = np.zeros(n + 4), np.zeros(law.A.shape[0]), ALL_FREE
     state[-1] = 1.0
-    outcome = FlightOutcome.COMPLETED
-    for k in range(count):
+    outcome, k, again = FlightOutcome.COMPLETED, 0, 0
+    while k < count:
+        if k >= again and modes == ALL_FREE:
+            ahead = free.ahead(np.concatenate([state[:n], computer]), reference[k:])
+            part = slice(k, k + len(ahead) - 1)
+            states[part], inner[part], command[part] = ahead[:-1, :n], ahead[:-1] @ free.inner.T, ahead[:-1] @ free.command
+            state[:n], computer, k = ahead[-1, :n], ahead[-1, n:], part.stop
+            again = k if len(ahead) > FRAMES else k + _WAIT
+            continue
         states[k] = state[:n]
         if abs(state[0]) > _DEPARTURE:
             outcome, count = FlightOutcome.DEPARTED, k + 1
@@ -169,6 +179,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _Flown:
                 for i, mode in enumerate(active):
                     rate_limited[k, i] |= mode in (RamMode.RATE_UP, RamMode.RATE_DOWN)
                     stopped[k, i] |= mode in (RamMode.STOP_UPPER, RamMode.STOP_LOWER)
+        k += 1
     return _Flown(states[:count], inner[:count], reference, command[:count], limited[:count], rate_limited[:count], stopped[:count], outcome)
 
 
@@ -190,12 +201,7 @@ def _states_at_rows(x29: X29, flown: _Flown, rows: np.ndarray) -> np.ndarray:
 
 def _reference(x29: X29, stick: np.ndarray) -> np.ndarray:
     """Break-out, gearing, delay and lag: r (g) at every frame."""
-    shaping, geared = shaping_matrices(x29.stick, x29.frame), shape_stick(stick, x29.stick)
-    state, reference = np.zeros(shaping.A.shape[0]), np.zeros(stick.size)
-    for k, g in enumerate(geared):
-        reference[k] = shaping.C[0] @ state + shaping.D[0, 0] * g
-        state = shaping.A @ state + shaping.B[:, 0] * g
-    return reference
+    return filtered(shaping_matrices(x29.stick, x29.frame), shape_stick(stick, x29.stick))
 
 
 def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
