@@ -99,7 +99,7 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     agrees = 2.0 * (best.total - plain.total) < AGREES
     best = plain if agrees else best
     own = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
-    probability = expit(best.each + _logit(best.share))
+    probability = expit(best.each + _logit(np.array(best.share)))
     others = np.delete(np.arange(n), int(np.argmax(own)))
     left = 2.0 * _best(evidence.of(others)).total if n > 1 else 0.0
     p_value = min(1.0, candidates * float(chdtrc(k + 3, max(left, 0.0))))
@@ -113,37 +113,38 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
     """The likeliest common value: from the values of the flights that say most, and their mean, with each scatter."""
     told = np.argsort(-evidence.gain)[:4]
-    starts = [*evidence.value[told], np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12))]
-    found = [_maximised(evidence, start, scatter) for scatter in scatters for start in starts]
-    return max(found, key=lambda each: each.total)
+    starts = np.array([*evidence.value[told], np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12))])
+    return _maximised(evidence, np.tile(starts, (len(scatters), 1)), np.repeat(scatters, len(starts)))
 
 
-def _maximised(evidence: Evidence, start: np.ndarray, scatter: float) -> _Mixture:
-    value, share, total = start, 0.5, -np.inf
-    each = _at(evidence, value, scatter)
+def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _Mixture:
+    """The best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
+    share, total = np.full(len(value), 0.5), np.full(len(value), -np.inf)
+    each, inverse = _at(evidence, value, scatter)
     for _ in range(ROUNDS):
-        probability = expit(each + _logit(share))
-        weights = probability[:, None, None] * np.linalg.inv(evidence.covariance + scatter**2 * np.diag(value**2))
-        if probability.sum() > 1e-9:
-            value = np.linalg.lstsq(weights.sum(axis=0), np.einsum("nij,nj->i", weights, evidence.value), rcond=None)[0]
-        share = float(np.clip(probability.mean(), 1e-9, 1.0 - 1e-9))
-        each = _at(evidence, value, scatter)
-        now = float(np.logaddexp(np.log1p(-share), np.log(share) + each).sum())
-        if abs(now - total) < SETTLED:
-            total = now
+        probability = expit(each + _logit(share)[:, None])
+        weights = probability[:, :, None, None] * inverse
+        found = np.einsum("cij,cj->ci", np.linalg.pinv(weights.sum(axis=1)), np.einsum("cnij,nj->ci", weights, evidence.value))
+        value = np.where(probability.sum(axis=1)[:, None] > 1e-9, found, value)
+        share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
+        each, inverse = _at(evidence, value, scatter)
+        before, total = total, np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1)
+        if np.all(np.abs(total - before) < SETTLED):
             break
-        total = now
-    return _Mixture(value, scatter, share, total, each)
+    best = int(np.argmax(total))
+    return _Mixture(value[best], float(scatter[best]), float(share[best]), float(total[best]), each[best])
 
 
-def _at(evidence: Evidence, value: np.ndarray, scatter: float) -> np.ndarray:
-    """What each flight's log likelihood gains ``(n,)`` where it has the effect about a common value."""
-    wide = evidence.covariance + scatter**2 * np.diag(value**2)
-    away = evidence.value - value
-    squared = np.einsum("ni,nij,nj->n", away, np.linalg.inv(wide), away)
+def _at(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What each flight's log likelihood gains ``(c, n)`` where it has the effect about common values ``(c, k)``, and inverses ``(c, n, k, k)``."""
+    added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
+    wide = evidence.covariance + added[:, None]
+    inverse = np.linalg.inv(wide)
+    away = evidence.value - value[:, None]
+    squared = np.einsum("cni,cnij,cnj->cn", away, inverse, away)
     shrunk = np.linalg.slogdet(evidence.covariance)[1] - np.linalg.slogdet(wide)[1]
-    return evidence.gain - 0.5 * squared + 0.5 * shrunk
+    return evidence.gain - 0.5 * squared + 0.5 * shrunk, inverse
 
 
-def _logit(share: float) -> float:
-    return float(np.log(share) - np.log1p(-share))
+def _logit(share: np.ndarray) -> np.ndarray:
+    return np.asarray(np.log(share) - np.log1p(-share))

@@ -76,7 +76,7 @@ class Table:
         if isinstance(cell, Number):
             if not cell.unit and (column.unit is None or (column.unit == BY_ROW and not self.units)):
                 raise ModelError(f"{cell.text} has no unit", where=where, remedy="give the column, the row or the number one")
-        elif not column.code and _is_number(cell):
+        elif not column.code and _is_number(cell if isinstance(cell, str) else cell.text):
             raise ModelError(f"the number {cell} stands as a word", where=where, remedy="make it a Number")
 
 

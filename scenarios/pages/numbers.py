@@ -1,4 +1,4 @@
-"""A number of a page with what belongs to it: sigma, unit, digits."""
+"""What stands in a cell of a page: a number with what belongs to it (sigma, unit, digits), a link, words."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ _UNIT = r" (?:%|sigma|deg(?:/s2?)?|rad(?:/s2?)?|m?s|Hz|m(?:/s2?)?|g|kg|N)"
 _QUANTITY = re.compile(
     rf"(?:<|> ?|over )?(?P<value>[+-]?{_DIGITS})(?: (?:\+-|±) (?P<sigma>{_DIGITS}))?(?P<unit>{_UNIT})?(?P<mark> ?\*| \(bound\))?"
 )  # "<1e-300" and "over +900 %" sort by their number
+
+
+_BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,19 @@ class Number:
         return signs(f"{sign}{number(self.value, self.sigma)}{sigma}{unit}")
 
 
-Cell = Number | str
+@dataclass(frozen=True)
+class Link:
+    """Words that lead to a file below the page's own folder. Raises ModelError for anything else: a page leads nowhere outside."""
+
+    text: str
+    to: str
+
+    def __post_init__(self) -> None:
+        if not _BELOW.fullmatch(self.to):
+            raise ModelError(f"{self.to!r} is no file below the page", where="link of a page", remedy="give its path from the page's folder")
+
+
+Cell = Number | Link | str
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:

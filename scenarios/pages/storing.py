@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from scenarios.pages.model import Block, Bullets, Column, Figure, Fold, Page, Prose, Reproduction, Section, Table
-from scenarios.pages.numbers import Cell, Number
+from scenarios.pages.numbers import Cell, Link, Number
 
 SCHEMA = "flightid/report/1"
 
@@ -104,6 +104,8 @@ def _block_of(content: Mapping[str, Any]) -> Block:
 def _cell(cell: Cell) -> Any:
     if isinstance(cell, str):
         return cell
+    if isinstance(cell, Link):
+        return {"text": cell.text, "to": cell.to}
     out: dict[str, Any] = {"value": cell.value}
     further = {"sigma": cell.sigma, "unit": cell.unit or None, "digits": cell.digits, "signed": cell.signed or None, "shown": cell.shown or None}
     return out | {key: value for key, value in further.items() if value is not None}
@@ -112,5 +114,7 @@ def _cell(cell: Cell) -> Any:
 def _cell_of(content: Any) -> Cell:
     if isinstance(content, str):
         return content
+    if "to" in content:
+        return Link(content["text"], content["to"])
     known = {key: content[key] for key in ("unit", "signed", "shown") if key in content}
     return Number(content["value"], content.get("sigma"), digits=content.get("digits"), **known)

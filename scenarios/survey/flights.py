@@ -17,6 +17,7 @@ from scenarios.files.vehicles import read_vehicle, refuse_unknown_model
 from scenarios.files.versions import own_version
 from scenarios.preparation.plan import Plan, plan_of
 from scenarios.preparation.request import Request
+from scenarios.survey.vehicle_text import changed, toml_text
 from sim.errors import DeclarationError, FlightidError
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def _flight(name: str, entry: FlightEntry, shared: SurveyEntry, root: Path, mode
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     if entry.vehicle and not vehicle:
         raise DeclarationError("changes a vehicle file that is not named", where=place, remedy='add vehicle = "FILE.toml" at the top')
-    content = _over(vehicle, entry.vehicle)
+    content = changed(vehicle, entry.vehicle)
     given: dict[str, Any] = {key: value for key, value in content.items() if key in CONDITIONS} | entry.condition
     channels = _either(entry.channels, shared.channels)
     flight = Flight(
@@ -222,30 +223,3 @@ def _digest(flight: Flight) -> str:
     contents = [hashlib.sha256(each.read_bytes()).hexdigest() if each.is_file() else "" for each in files]
     rest = [FORM, own_version(), flight.name, flight.model, flight.vehicle, repr(flight.plan), flight.effort, *contents]
     return hashlib.sha256(json.dumps(rest).encode()).hexdigest()
-
-
-def _over(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The content with ``changes`` in the place of its own; tables key by key."""
-    both = {
-        key: {**content[key], **value} if isinstance(value, dict) and isinstance(content.get(key), dict) else value for key, value in changes.items()
-    }
-    return {**content, **both}
-
-
-def toml_text(content: Mapping[str, Any]) -> str:
-    """TOML of what a TOML file held: a line a key, tables inline."""
-    return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
-
-
-def _inline(value: Any) -> str:
-    if isinstance(value, float):
-        return repr(value)  # inf and nan, too, are TOML
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_text(key)} = {_inline(each)}" for key, each in value.items()) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(map(_inline, value)) + "]"
-    return _text(value) if isinstance(value, str) else json.dumps(value, default=str)
-
-
-def _text(value: str) -> str:
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # what JSON and TOML write alike

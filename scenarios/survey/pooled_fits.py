@@ -94,7 +94,7 @@ def fitted_sets(flight: Flight, names: Sequence[str], starts: Starts, own: Mappi
     from scenarios.diagnosis.candidates import candidates_for
     from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of
     from scenarios.preparation.vehicle_model import step_for
-    from scenarios.survey.recurring import is_of_flight
+    from scenarios.survey.candidates import is_of_flight
 
     request = flight.request()
     opened = opened_files(request, vehicle_path_of(request))

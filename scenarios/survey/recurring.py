@@ -1,4 +1,4 @@
-"""Which effects recur: candidates from the flights' own diagnoses, judged over all flights together."""
+"""Which effects recur: judged over all flights together."""
 
 from __future__ import annotations
 
@@ -11,17 +11,12 @@ import numpy as np
 
 from ident.pooling.random_effects import pooled
 from ident.pooling.recurrence import Evidence, Recurrence, recurrence
+from scenarios.survey.candidates import Kept
 
-FEWEST_NAMED = 2  # flights that claim an effect or name it as an alternative, from which it may recur
-MOST = 5  # effects that are tried together: 32 sets a flight
 LIBRARY = 60  # effects that a search may name, for which the chance of a false recurrence is counted
 EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
 CLEARLY = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
-NEEDED = 10.0  # likewise, for a flight's own effect beside those that recur
-ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 PRESENT = 0.5  # probability from which an effect belongs to a flight's model
-
-Kept = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -52,46 +47,6 @@ class Recurring:
     @property
     def untold(self) -> tuple[str, ...]:
         return tuple(name for name in self.flights if name not in self.has and name not in self.has_not)
-
-
-def candidates(kept: Kept) -> tuple[str, ...]:
-    """Effects that may recur, the most often named first: claimed somewhere, and named in two flights at least."""
-    claimed: Counter[str] = Counter()
-    named: Counter[str] = Counter()
-    for flight in kept.values():
-        names = {name for each in flight["effects"] for name in (each["name"], *each["alternatives"])}
-        named.update(names)
-        claimed.update({name for each in flight["effects"] if each["claimed"] for name in (each["name"], *each["alternatives"])})
-    # Two flights that name different things may mean one: what is named anywhere beside a recurring name is tried as its rival.
-    wanted = [name for name in named if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)]
-    return tuple(sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST])
-
-
-def is_of_flight(name: str) -> bool:
-    """Whether an effect belongs to one flight by its nature: an event, a drift, rough air."""
-    from sim.effects.library import library
-
-    traits = {effect.name: effect.traits for effect in library() if hasattr(effect, "traits")}
-    mine = traits.get(name)
-    return mine is not None and (mine.per_record or bool(mine.onset) or mine.background or bool(mine.wrong_samples_of))
-
-
-def own_effects(flight: Mapping[str, Any], shared: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Effects that a flight claims and that are its own, with their values by full name."""
-    rivals = {name for each in flight["effects"] if each["name"] in shared for name in each["alternatives"]}
-    mine = [e for e in flight["effects"] if e["claimed"] and e["name"] not in shared and e["name"] not in rivals]
-    return {e["name"]: {f"{e['name']}.{local}": q["value"] for local, q in e["parameters"].items()} for e in mine}
-
-
-def starts_of(kept: Kept, names: Sequence[str]) -> dict[str, float]:
-    """Where each effect's parameters begin: the median over the flights that name it."""
-    seen: dict[str, list[float]] = {}
-    for flight in kept.values():
-        for each in flight["effects"]:
-            if each["name"] in names:
-                for local, q in each["parameters"].items():
-                    seen.setdefault(f"{each['name']}.{local}", []).append(q["value"])
-    return {name: float(np.median(values)) for name, values in seen.items()}
 
 
 def evidence_of(fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]) -> tuple[Evidence, np.ndarray]:
@@ -150,34 +105,6 @@ def recurring(
             taken[taken.index(name)] = better
             sets = assigned(fits, taken, [each - {name} for each in sets])
     return [_told(name, names, taken, flights, fits, sets, kept) for name in taken], sets
-
-
-def recurring_beside_own(
-    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
-) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the fits that were taken of each flight.
-
-    A flight alone may name one effect for two that recur, and would then say wrong values of both. Its own effects go where without them, with
-    whatever it has of what recurs, it is not clearly less likely; then all flights are asked again.
-    """
-    left = (False,) * len(fits)
-    for _ in range(ROUNDS):
-        now = [{**each, "sets": each["sets_without"]} if without else each for each, without in zip(fits, left, strict=True)]
-        found, sets = recurring(names, flights, now, kept)
-        taken = frozenset(each.name for each in found)
-        before, left = left, tuple(_needless(each, taken) for each in fits)
-        if left == before:
-            break
-    return found, sets, now
-
-
-def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may have any."""
-
-    def most(sets: Mapping[str, Any]) -> float:
-        return max((each["log_likelihood"] for key, each in sets.items() if frozenset(filter(None, key.split("+"))) <= taken), default=-np.inf)
-
-    return "sets_without" in fitted and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
 
 
 def _preferred(name: str, rivals: Sequence[str], fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]], kept: Kept) -> str:

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.plots.formats import Formats
+from scenarios.survey.beside_own import recurring_beside_own
+from scenarios.survey.candidates import candidates, own_effects, starts_of
 from scenarios.survey.derivatives import Derivative, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
 from scenarios.survey.growing import Grown, Tell, grown
 from scenarios.survey.pooled_fits import PooledFits
-from scenarios.survey.recurring import Recurring, candidates, own_effects, recurring_beside_own, starts_of
+from scenarios.survey.recurring import Recurring
 from scenarios.tasks.study import Asked, run_study
 
 FITTING = 0.75  # share of the work that is the diagnoses
@@ -68,7 +70,8 @@ def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Forma
     tell("reading", 0.0)
     had = grown(asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share))
     names = candidates(had.kept)
-    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, FITTING + (0.95 - FITTING) * share))
+    begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
+    fits, refitted, unfitted = _fits(had, names, folder, jobs, lambda stage, share: tell(stage, begun + (0.95 - begun) * share))
     flown = tuple(fits)
     found, sets, taken_of = recurring_beside_own(names, flown, list(fits.values()), had.kept)
     conditions, condition_units = conditions_of(had)

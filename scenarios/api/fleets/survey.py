@@ -14,9 +14,9 @@ from scenarios.api.shown import html
 from scenarios.api.shown.report import write_report
 from scenarios.plots.formats import formats_wanted
 from scenarios.survey import survey as surveying
-from scenarios.survey.files import write_survey
-from scenarios.survey.text import survey_text
-from scenarios.survey.words import derivative_rows, drifts, effect_rows, outstanding, verdict_of
+from scenarios.survey.report.files import write_survey
+from scenarios.survey.report.text import survey_text
+from scenarios.survey.report.words import derivative_rows, drifts, effect_rows, outstanding, verdict_of
 from scenarios.tasks.sharing import available_cores
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Survey:
     def to_dict(self) -> dict[str, Any]:
         """Content of ``survey.json``."""
         from scenarios.pages.reproduction import now
-        from scenarios.survey.content import survey_content
+        from scenarios.survey.report.content import survey_content
 
         return survey_content(self.details, now())
 

@@ -11,8 +11,8 @@ from scenarios.terminal.progress import progress_bar
 
 def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Formats, *, progress: bool = True) -> None:
     """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how far it is."""
+    from scenarios.survey.report.text import survey_text
     from scenarios.survey.survey import survey_flights
-    from scenarios.survey.text import survey_text
     from scenarios.tasks.sharing import available_cores
     from scenarios.terminal.paragraphs import terminal_width
     from scenarios.terminal.summary import details_in, written_to
@@ -27,7 +27,7 @@ def survey_records(file: Path, out: Path | None, jobs: int | None, figures: Form
                     raise
                 raise KeyboardInterrupt("nothing is kept without --out") from stopped
             if out is not None:
-                from scenarios.survey.files import write_survey
+                from scenarios.survey.report.files import write_survey
 
                 tell("writing the survey", 0.98)
                 write_survey(found, out, figures=figures)

@@ -41,6 +41,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "maneuvers": "Inputs and expected responses of every maneuver, the best first, with the limits",
         "effects": "Which flight has which effect: filled, has it; grey, not told; open, has it not",
         "shared": "What each flight says of a shared value by itself, and the common value",
+        "over": "Derivatives of all flights over the condition, with the common line and the scatter between flights",
         "watched": "Parameters while the stream arrived",
     }
 )

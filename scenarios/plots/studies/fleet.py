@@ -13,7 +13,7 @@ from scenarios.plots.style import BLACK, BLUE, GREY, LABEL_SIZE, LIGHT, TICK_SIZ
 
 _PANEL, _ROW = 1.15, 0.3  # inches
 _SHOWN = 5.0  # inner spreads of the values, beyond which an error bar that tells nothing is cut
-_FLIGHTS = 45  # names that stand at the axis without touching
+_FLIGHTS, _LONGEST = 45, 12  # names, and letters in them, that stand at the axis without touching
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,21 +100,26 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
 def figure_effects(flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = "") -> Figure:
     """A row an effect, a column a flight: filled where the flight has it, open where it has it not, half where it does not tell."""
     names = list(probabilities)
+    named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
     sheet = make_sheet([_ROW * len(names) + 0.15], left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)))
     panel = sheet.panels[0]
     for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
         p = probabilities[name]
-        x = np.arange(len(flights))
+        x = 1 + np.arange(len(flights))
         for chosen, face, label in ((p > 0.95, BLUE, "has it"), ((p >= 0.05) & (p <= 0.95), LIGHT, "not told"), (p < 0.05, "white", "has it not")):
             if np.any(chosen):
                 at = x[chosen]
                 panel.plot(at, np.full(len(at), y), "s", color=BLUE, markerfacecolor=face, markersize=5.0, markeredgewidth=0.7, label=label)
     panel.set_yticks(range(len(names)), [plain(name) for name in names[::-1]])
     panel.set_ylim(-0.6, len(names) - 0.4)
-    panel.set_xlim(-0.8, len(flights) - 0.2)
+    panel.set_xlim(0.2, len(flights) + 0.8)
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
-    panel.set_xlabel(f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}", fontsize=LABEL_SIZE)
-    return finish(sheet, title)
+    if named:
+        panel.grid(False)
+        panel.set_xticks(1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90)
+    else:
+        panel.set_xlabel(f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}", fontsize=LABEL_SIZE)
+    return finish(sheet, title, bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights) if named else 0.5)
 
 
 def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:

@@ -10,8 +10,8 @@ import pytest
 from scenarios.files.writing import write_json
 from scenarios.plots.formats import Formats
 from scenarios.survey import one_flight, pooled_fits
-from scenarios.survey.files import write_survey
 from scenarios.survey.flights import Flight
+from scenarios.survey.report.files import write_survey
 from scenarios.survey.survey import Survey, survey_flights
 from sim.errors import FlightidError
 from tests.integration.command_line import VEHICLE

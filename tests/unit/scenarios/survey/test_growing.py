@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from scenarios.survey.one_flight import KEPT
+from scenarios.survey.report.text import survey_text
 from scenarios.survey.survey import survey_flights
-from scenarios.survey.text import survey_text
 from tests.integration.command_line import contents
 from tests.unit.scenarios.survey.conftest import Campaign
 

@@ -10,7 +10,8 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
 from ident.pooling.recurrence import CHANCE
-from scenarios.survey.recurring import candidates, judged, own_effects, recurring, starts_of
+from scenarios.survey.candidates import candidates, own_effects, starts_of
+from scenarios.survey.recurring import judged, recurring
 from tests.unit.scenarios.survey.made_up import Flown, flown, kept
 
 NONE = frozenset[str]()

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from scenarios.survey.survey import Survey
-from scenarios.survey.words import (
+from scenarios.survey.report.words import (
     belongs_phrase,
     derivative_rows,
     drifts,
     effect_rows,
     flight_rows,
+    hints,
     listed,
     news,
     outstanding,
     rivals_phrase,
     single_phrases,
     verdict_of,
+    verdicts_phrase,
 )
+from scenarios.survey.survey import Survey
 from scenarios.terminal.paragraphs import WIDTH, wrapped
 from scenarios.terminal.summary import BELOW, Summary, summary_lines
 from scenarios.terminal.tables import columns_of, table_lines
@@ -37,7 +39,7 @@ def survey_text(survey: Survey, width: int = WIDTH, details: str = BELOW) -> str
     )
     names, rows = flight_rows(survey)
     lines += ["", *table_lines(columns_of(names, rows, left=len(names)), title="flights, the newest first", width=width)]
-    for told in (*survey.warnings, *single_phrases(survey)):
+    for told in (*survey.warnings, *hints(survey), *single_phrases(survey)):
         lines += wrapped(told, width)
     return "\n".join(lines) + "\n"
 
@@ -48,4 +50,5 @@ def summary_of(survey: Survey, details: str = BELOW) -> Summary:
     changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
     far = outstanding(survey)
     stands = f"stand out: {listed(list(dict.fromkeys(flight for flight, _, _ in far)))}" if far else "no flight stands out"
+    stands = "; ".join(filter(None, (stands, verdicts_phrase(survey))))
     return Summary(f"{survey.flights.title}: {news(survey)}", f"{word}: {rest}", changes, stands, details)

@@ -35,7 +35,7 @@ def survey_figures(survey: Survey) -> Iterator[Named]:
         (local, own), *_ = each.parameters.items()
         rows.append(Shared(f"{each.name} {local}", own, where, each.values[here, 0], each.sigmas[here, 0], has, float(each.found.value[0]), sigma))
     if rows:
-        yield "shared", partial(figure_shared, rows, condition, unit, f"{title}: one value for all flights")
+        yield "shared", partial(figure_shared, rows, condition, unit, f"{title}: each flight by itself, and the common value")
     for name in dict.fromkeys(_condition(each, condition) for each in survey.derivatives):
         mine = [_drawn(each, survey, name) for each in survey.derivatives if _condition(each, condition) == name]
         stem = "over_" + "".join(letter if letter.isalnum() else "_" for letter in name)

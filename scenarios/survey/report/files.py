@@ -10,9 +10,10 @@ from scenarios.pages.folder import write_page
 from scenarios.pages.reproduction import now
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
-from scenarios.survey.content import derivatives_text, survey_content
 from scenarios.survey.growing import MAIN
-from scenarios.survey.page import survey_page
+from scenarios.survey.one_flight import FOLDER
+from scenarios.survey.report.content import derivatives_text, survey_content
+from scenarios.survey.report.page import survey_page
 from scenarios.survey.survey import Survey
 
 
@@ -23,9 +24,10 @@ def write_survey(survey: Survey, folder: str | Path, *, figures: Formats = USUAL
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.page.drawing import drawn_for_page
-            from scenarios.survey.figures import survey_figures
+            from scenarios.survey.report.figures import survey_figures
 
             drawn = drawn_for_page(survey_figures(survey), scratch, figures)
-        write_page(scratch, survey_page(survey, drawn))
+        linked = [name for name in survey.grown.kept if (Path(folder) / FOLDER / name / "report.html").is_file()]
+        write_page(scratch, survey_page(survey, drawn, linked))
         write_json(scratch / MAIN, survey_content(survey, now()))
     return Path(folder)

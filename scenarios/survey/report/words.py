@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from ident.tracing.diagnosis import Verdict
 from scenarios.survey.derivatives import TOLD, Derivative
 from scenarios.survey.recurring import EQUAL, Recurring
 from scenarios.survey.survey import Survey
 from scenarios.terminal.display_units import shown_in, spaced
 from scenarios.terminal.numbers import number
 
+# Linear effects between the recorded input and the aircraft: exchanged with it, they act on all outputs alike.
+AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
+FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
+FAR = 1e-99  # a chance below it is told as one
 HAS, HAS_NOT, UNTOLD = "has it", "has it not", "not told"
 
 
 def verdict_of(survey: Survey) -> tuple[str, str]:
     """A word or two, and the sentence after it."""
-    if not survey.grown.kept:
+    kept = survey.grown.kept
+    if not kept:
         return "NO FLIGHT", "no flight could be used"
-    if not survey.recurs:
-        return "NOTHING RECURS", f"no effect acts in two or more of {len(survey.grown.kept)} flights beyond chance"
-    return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
+    if survey.recurs:
+        return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
+    open_ones = survey.verdicts.get(Verdict.UNEXPLAINED.value, 0)
+    besides = f"; {open_ones} of them {'are' if open_ones > 1 else 'is'} unexplained" if open_ones else ""
+    return "NOTHING RECURS", f"no effect acts in two or more of {len(kept)} flights beyond chance{besides}"
+
+
+def verdicts_phrase(survey: Survey) -> str:
+    """``"by themselves 26 flights are traced, 11 ambiguous"``."""
+    counts = [f"{count} {verdict}" for verdict, count in survey.verdicts.items()]
+    return f"by themselves, flights are: {', '.join(counts)}" if counts else ""
 
 
 def effect_phrase(each: Recurring) -> str:
-    """``"vane-offset in 40 of 40 flights (arm 3.00 +- 0.02 m)"``."""
-    return f"{each.name} in {len(each.has)} of {len(each.flights)} flights ({', '.join(values_of(each))})"
+    """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
+    values = values_of(each)
+    told = values[0].partition(" ")[2] if len(values) == 1 else f"({', '.join(values)})"
+    return f"{each.name} {told} in {len(each.has)} of {len(each.flights)} flights"
 
 
 def values_of(each: Recurring) -> list[str]:
@@ -56,13 +73,17 @@ def belongs_phrase(each: Recurring) -> str:
 def rivals_phrase(each: Recurring) -> str:
     """What it was told from, and what not."""
     equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
-    told = [f"{name} (by {margin:.3g} of twice the log likelihood)" for name, margin in each.rivals.items() if margin >= EQUAL]
+    told = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
     out = []
     if equal:
         out.append(
             f"likelihood does not tell it from {' or '.join(equal)}: named by the derivatives, which it scatters less, or by the flights' diagnoses"
         )
-    out += [f"preferred to {', '.join(told)}"] if told else []
+    if told:
+        least = f"by {min(told.values()):.3g} of twice the log likelihood{' at least' if len(told) > 1 else ''}"
+        out.append(f"preferred to {' and '.join((', '.join(list(told)[:-1]), list(told)[-1])) if len(told) > 1 else next(iter(told))} {least}")
+    if each.name in AT_THE_INPUT:
+        out.append("the same filter or delay before all recorded outputs alike would do as well: a linear aircraft cannot tell the two apart")
     return "; ".join(out)
 
 
@@ -81,6 +102,15 @@ def drift_phrase(survey: Survey, each: Derivative) -> str:
 def drifts(survey: Survey) -> list[str]:
     """Every derivative that changes with a condition."""
     return [phrase for each in survey.derivatives if (phrase := drift_phrase(survey, each))]
+
+
+def hints(survey: Survey) -> list[str]:
+    """What a change with a condition may mean other than what it says."""
+    forces = [each.name for each in survey.derivatives if each.drifts is not None and each.drifts[0] == "mass" and each.name.startswith(FORCES)]
+    if not forces:
+        return []
+    change = "change" if len(forces) > 1 else "changes"
+    return [f"{' and '.join(forces)} {change} with mass, which no force coefficient does by itself: check the masses that the flights were given"]
 
 
 def outstanding(survey: Survey) -> list[tuple[str, str, float]]:
@@ -109,6 +139,17 @@ def single_phrases(survey: Survey) -> list[str]:
     return out + [f"{effect} is claimed in {listed(flights)}, where what recurs explains as much" for effect, flights in survey.needless.items()]
 
 
+def fresh(survey: Survey) -> list[str]:
+    """What is new: each flight by itself, and what it has of what recurs."""
+    out = []
+    for name in survey.grown.new:
+        kept = survey.grown.kept[name]
+        has = [each.name for each in survey.recurs if name in each.has]
+        besides = f"; of what recurs it has {' and '.join(has)}" if has else "; it has nothing of what recurs" if survey.recurs else ""
+        out.append(f"{kept['verdict']}, {name}: {kept['headline']}{besides}")
+    return out
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """Names with commas, those beyond ``most`` counted."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
@@ -133,7 +174,7 @@ def effect_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
     rows = []
     for each in survey.recurs:
         whose = "the aircraft" if each.found.belongs == "aircraft" else "some flights"
-        chance = f"{max(each.found.p_value, 1e-300):.1g}"
+        chance = f"{each.found.p_value:.1g}" if each.found.p_value > FAR else f"<{FAR:.0e}"
         counts = [str(len(each.has)), str(len(each.has_not)), str(len(each.untold)), str(len(each.named))]
         rows.append([each.name, "; ".join(values_of(each)), whose, *counts, "yes" if each.found.agrees else "no", chance])
     return ["effect", "common value", "belongs to", "have it", "have it not", "not told", "named alone", "one value", "chance"], rows
@@ -152,15 +193,22 @@ def derivative_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
 
 
 def flight_rows(survey: Survey) -> tuple[list[str], list[list[str]]]:
-    """Flights, the newest first."""
+    """Flights, the newest first; columns in which no flight has anything are left out."""
     rows = []
     for name in newest_first(survey):
         flight, kept = survey.grown.flights[name], survey.grown.kept[name]
         effects = [state(each, name) for each in survey.recurs]
         alone = [effect for effect, flights in survey.alone.items() if name in flights]
-        check = ", ".join(kept["check"]["findings"]) if kept["check"]["done"] else "not possible"
         since = "new" if name in survey.grown.new else ""
-        rows.append(
-            [name, since, flight.date or "–", flight.tail or "–", kept["verdict"], *effects, ", ".join(alone) or "–", check or "nothing stands"]
-        )
-    return ["flight", "since", "date", "tail", "verdict", *(each.name for each in survey.recurs), "alone", "kinematics"], rows
+        rows.append([name, since, flight.date or "–", flight.tail or "–", kept["verdict"], *effects, ", ".join(alone) or "–", kinematics(kept)])
+    names = ["flight", "since", "date", "tail", "verdict", *(each.name for each in survey.recurs), "alone", "kinematics"]
+    told = [at for at, name in enumerate(names) if name in ("flight", "verdict", "kinematics") or any(row[at] not in ("", "–") for row in rows)]
+    return [names[at] for at in told], [[row[at] for at in told] for row in rows]
+
+
+def kinematics(kept: Mapping[str, Any]) -> str:
+    """What stands of a flight's sensors by kinematics alone: the first, and how many would do as well or stand beside it."""
+    if not kept["check"]["done"]:
+        return "not possible"
+    first, *others = kept["check"]["findings"] or ["nothing stands"]
+    return f"{first}, {len(others)} more" if others else str(first)

@@ -12,8 +12,8 @@ from scenarios.files.versions import versions
 from scenarios.survey.derivatives import Derivative
 from scenarios.survey.growing import SCHEMA
 from scenarios.survey.recurring import LIBRARY, Recurring
+from scenarios.survey.report.words import belongs_phrase, outstanding, rivals_phrase, state, verdict_of
 from scenarios.survey.survey import Survey
-from scenarios.survey.words import belongs_phrase, outstanding, rivals_phrase, state, verdict_of
 
 
 def survey_content(survey: Survey, created: str) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""What a survey found, on a terminal, as files and as a page."""
