@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from importlib import metadata
 
 import pytest
 
 from benchmarks.comparison.compare import Result
 from benchmarks.comparison.figure import drawn
 from benchmarks.comparison.job import Agreement, Contender, Job
+from benchmarks.comparison.machine import machine
 from benchmarks.comparison.page import SCHEMA, Table, document, page, seconds, times
 from benchmarks.comparison.timing import Quartiles
 
@@ -85,3 +87,16 @@ def test_times_have_a_unit(value: float, text: str) -> None:
 def test_a_single_round_has_no_spread() -> None:
     assert times(Quartiles(123.4, 123.4, 123.4, 1)) == "123"
     assert times(None) == ""
+
+
+def test_who_is_not_installed_says_what_is_missing() -> None:
+    assert Contender("b", "peer", "no-such-package", ("numpy", "no_such_package")).absent == "no_such_package not installed"
+    assert Contender("b", "peer", missing=lambda: "no C compiler").absent == "no C compiler"
+    assert Contender("b", "peer", "numpy", ("numpy",)).absent == ""
+    assert Contender("b", "peer", "no-such-package").version == "" != Contender("b", "peer", "numpy").version
+
+
+def test_the_machine_is_told_with_its_versions() -> None:
+    found = machine()
+    assert found["numpy"] == metadata.version("numpy") and found["Python"].startswith("3.")
+    assert all(isinstance(value, str) and value for value in found.values())
