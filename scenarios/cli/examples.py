@@ -21,7 +21,7 @@ EXAMPLES: Mapping[str, tuple[tuple[str, str], ...]] = {
     ),
     "campaign": (
         ("flightid campaign rigid --runs 100", "bias, scatter and coverage over a hundred seeds"),
-        ("flightid campaign every-effect --effects vane-offset,nothing --runs 2", "each effect that is named, planted and asked for"),
+        ("flightid campaign every-effect --effects drag-jump --runs 2", "each effect that is named, planted and asked for"),
         ("flightid campaign trace-vane --runs 2 --out campaign", "how often what is hidden is found, and something false claimed"),
     ),
     "identify": (

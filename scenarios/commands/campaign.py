@@ -71,25 +71,15 @@ def run_campaign(
         refuse_method(method)
         if levels:
             raise DeclarationError("noise levels are those of an estimator", where="--noise-levels", remedy="leave it out")
-    if name == EVERY:
-        from scenarios.commands.simulated.every_effect import every_effect_campaign
+    if name == EVERY or kind in ("standin", "trace"):
+        from scenarios.commands.simulated.loop import run_loop_campaign
 
-        every_effect_campaign(runs, seed, effects, manner, changes, figures, progress)
+        run_loop_campaign(name, runs, seed, manner, changes, figures, progress=progress, effects=effects)
         return
     if name in LOOP:
         from scenarios.commands.trials import run_trials
 
         run_trials(name, runs, seed, manner, changes, progress)
-        return
-    if kind == "standin":
-        from scenarios.commands.simulated.standin import standin_campaign
-
-        standin_campaign(name, runs, seed, manner, changes, figures, progress)
-        return
-    if kind == "trace":
-        from scenarios.commands.simulated.planted import trace_campaign
-
-        trace_campaign(name, runs, seed, manner, changes, figures, progress)
         return
     if kind != IDENTIFICATION:
         remedy = "scenarios that have one are simulated flights, trace-... and standin-..."

@@ -75,7 +75,8 @@ OF_THE_COMMAND_ALONE: dict[str, set[str]] = {
     "check": set(),
     "design": set(),
     "run": {"compare"},
-    "campaign": {"model", "vehicle", "input", "noise", "duration", "rate"},  # a flight of one's own is a scenario file in Python
+    # A flight of one's own is a scenario file in Python, and a flight to look at again is written by the command.
+    "campaign": {"model", "vehicle", "input", "noise", "duration", "rate", "only"},
 }
 
 

@@ -80,7 +80,7 @@ def campaign(
     with telling(out, formats_of(figures, no_figures), quiet=quiet, as_json=as_json, documents=[document]) as told:
         manner = Manner(jobs, told.out, resume, cluster, time_limit)
         if only is not None:
-            from scenarios.commands.simulated.every_effect import one_of_every_effect
+            from scenarios.commands.simulated.loop import one_of_every_effect
 
             one_of_every_effect(only, seed, named, manner, changes or [], told.figures, told.progress)
             return

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.files.declarations import named_after
-from scenarios.plots.formats import USUAL, Formats
 
 if TYPE_CHECKING:
-    from scenarios.tasks.manner import Manner
     from scenarios.trials.planted.declaration import TraceScenario
     from scenarios.trials.planted.own_flight import OwnFlight
 
@@ -32,30 +29,6 @@ def simulate_own(asked: OwnFlight, out: Path, seed: int | None, changes: Sequenc
 
     document = with_changes(trace_document(asked), changes)
     return _write(trace_scenario_of(document, Path(asked.model).stem, asked.model), asked.model, out, seed)
-
-
-def trace_campaign(
-    name: str, runs: int, seed: int | None, manner: Manner, changes: Sequence[str], figures: Formats = USUAL, progress: bool = True
-) -> None:
-    """Run, print, and write ``campaign.json`` and ``flights.csv`` into ``manner.out``."""
-    from scenarios.studies.catalogue import scenario_file
-    from scenarios.tasks.manner import stopped
-    from scenarios.terminal.progress import progress_bar
-    from scenarios.terminal.summary import written_to
-    from scenarios.trials.planted.campaign import named_scenario, trace_flights
-    from scenarios.trials.planted.campaign_text import trace_campaign_text, write_trace_campaign
-    from scenarios.trials.planted.page import campaign_page
-    from scenarios.trials.repeated import fly_all
-
-    scenario, out = named_scenario(name, tuple(changes)), manner.out
-    with named_after(scenario_file(name)), progress_bar(progress) as tell:
-        done = fly_all(trace_flights(name, changes), runs, scenario.seed if seed is None else seed, manner, tell)
-    print(trace_campaign_text(scenario, done.found, done.words), end="")
-    if out is not None:
-        write_trace_campaign(scenario, done, out, partial(campaign_page, scenario, done), figures)
-        print(written_to(out))
-    if not done.whole:
-        raise stopped(done.ended, done.asked, "flights", out)
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:

@@ -17,7 +17,7 @@ from scenarios.plots.formats import USUAL, Formats
 from scenarios.terminal.paragraphs import WIDTH
 from scenarios.trials.every_effect.page import every_effect_page
 from scenarios.trials.every_effect.work import PlantedFlight
-from scenarios.trials.marks.content import marks_content
+from scenarios.trials.marks.content import marked_cells, marks_content
 from scenarios.trials.marks.page import drawn_marks
 from scenarios.trials.marks.rates import Marks
 from scenarios.trials.marks.text import marks_blocks
@@ -44,15 +44,11 @@ def every_effect_text(done: Flown, width: int = WIDTH) -> str:
 
 def cells_of(flight: PlantedFlight) -> dict[str, Any]:
     """A flight as one row of ``COLUMNS``; None where there is no such thing."""
-    m = flight.marked
-    errors, first = [*m.errors.values()], next((each for each in m.stated if each.first), None)
-    return {
+    cells = {
         **{"number": flight.number, "seed": flight.seed, "effect": flight.effect, "planted": flight.planted, "vehicle": flight.vehicle},
-        **{"model": flight.model, "size_sigmas": flight.size, "values": json.dumps(dict(flight.values))},
-        **{"verdict": m.verdict, "outcome": m.outcome.value, "right": m.right, "name": " + ".join(m.given), "false": " + ".join(m.false)},
-        **{"probability": first.probability if first else None, "error_sigmas": max(errors, key=abs) if errors else None},
-        **{"errors": json.dumps(dict(m.errors)), "held_out_before": m.held_out_before, "held_out_after": m.held_out_after},
+        **{"model": flight.model, "size_sigmas": flight.size, "values": json.dumps(dict(flight.values)), **marked_cells(flight.marked)},
     }
+    return {name: cells[name] for name in COLUMNS}
 
 
 def write_every_effect(done: Flown, runs: int, effects: Sequence[str] | None, out: str | Path, figures: Formats = USUAL) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -28,6 +29,17 @@ def marks_content(marks: Marks) -> dict[str, Any]:
             label: {f"within_{k}_sigma": share_content(share) for k, share in zip(SIGMAS, shares, strict=True)}
             for label, shares in coverage_of(marks).items()
         },
+    }
+
+
+def marked_cells(flight: Marked) -> dict[str, Any]:
+    """A flight as cells of a row; None where there is no such thing. ``error_sigmas`` is the largest of the parameters' errors."""
+    errors, first = [*flight.errors.values()], next((each for each in flight.stated if each.first), None)
+    return {
+        **{"hidden": " + ".join(flight.hidden), "verdict": flight.verdict, "outcome": flight.outcome.value, "right": flight.right},
+        **{"name": " + ".join(flight.given), "false": " + ".join(flight.false), "probability": first.probability if first else None},
+        **{"error_sigmas": max(errors, key=abs) if errors else None, "errors": json.dumps(dict(flight.errors))},
+        **{"held_out_before": flight.held_out_before, "held_out_after": flight.held_out_after},
     }
 
 

@@ -14,6 +14,7 @@ from scenarios.pages.folder import write_page
 from scenarios.pages.model import Page
 from scenarios.plots.formats import USUAL, Formats
 from scenarios.plots.page.named import Drawn
+from scenarios.terminal.paragraphs import WIDTH
 from scenarios.terminal.tables import columns_of, table_lines
 from scenarios.trials.marks.content import marks_content
 from scenarios.trials.marks.page import drawn_marks
@@ -35,14 +36,14 @@ _LABELS = {
 }
 
 
-def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str) -> str:
+def trace_campaign_text(scenario: TraceScenario, judged: Sequence[TraceJudged], seeds: str, width: int = WIDTH) -> str:
     """Verdicts and shares with their intervals, false claims one by one; ``seeds`` in words."""
     blocks = [
         [f"{scenario.name}: {len(judged)} flights, {seeds}", expected_line(scenario)],
         table_lines(columns_of(VERDICTS, verdict_rows(judged))),
         table_lines(columns_of(SHARES, share_rows(judged))),
         false_lines(judged),
-        *marks_blocks(marks_of(judged)),
+        *marks_blocks(marks_of(judged), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 

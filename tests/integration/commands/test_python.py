@@ -122,6 +122,7 @@ def test_run_simulate_and_campaign(flightid: CommandLine, tmp_path: Path) -> Non
     assert (study.to_dataframe()["sigmas"].abs() < 4.0).all() and study.true["Cm_q"] == -34.75
     printed = flightid.done("campaign", "rigid", "--runs", 3, *SLOWLY, "--out", tmp_path / "many")
     campaign = fid.campaign("rigid", 3, set=SLOWER)
+    assert isinstance(campaign, fid.Campaign)
     assert lines(campaign.summary()) == lines(printed)
     assert timeless(campaign.save(tmp_path / "many in python")) == timeless(tmp_path / "many")
     assert campaign.estimates().shape == (3, 13) and len(campaign.to_dataframe()) == 6

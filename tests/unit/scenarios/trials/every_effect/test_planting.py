@@ -117,11 +117,12 @@ def test_a_seed_flies_the_same_twice_and_another_one_differently() -> None:
 
 def test_where_an_effect_cannot_be_seen_another_of_its_kind_is_flown(monkeypatch: pytest.MonkeyPatch) -> None:
     weak, strong = (Instance("ballistic", name) for name in ("density-scale-height", "sensor-scale:altitude"))
-    tried, real = [], flight._attempt
+    made = {each: flight._attempt(each, 20.0, np.random.default_rng(1)) for each in (weak, strong)}
+    tried: list[Instance] = []
 
     def attempt(instance: Instance, wanted: float, rng: np.random.Generator) -> Any:
         tried.append(instance)
-        return *real(instance, wanted, rng)[:3], 1.0 if instance is weak else 100.0
+        return *made[instance][:3], 1.0 if instance is weak else 100.0
 
     monkeypatch.setattr(flight, "_attempt", attempt)
     assert flight.fly_planted([weak, strong], 0, STRONG).name == strong.name
