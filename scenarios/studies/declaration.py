@@ -40,7 +40,7 @@ class Flight:
     ----------
     vehicle : name of a built-in vehicle, or a user's model file; ``own`` is its model with the true values. modes : elastic modes that act.
     duration, rate : s, 1/s. maneuvers : in order; several on one input add up.
-    step : integration step, s. integration : ``"rk4"`` or ``"euler"``.
+    integration : ``"tolerance"``, or by steps, ``"rk4"`` or ``"euler"``. step : of these, and wherever only steps serve, s.
     process_noise : spectral densities of forcing that really acts, by state or parameter.
     noise_std : measurement noise, by output.
     derivatives : true values in the place of the vehicle's.
@@ -55,7 +55,7 @@ class Flight:
     noise_std: Mapping[str, float]
     modes: int = 0
     step: float = 0.001
-    integration: str = "rk4"
+    integration: str = "tolerance"
     process_noise: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     derivatives: Mapping[str, float] = field(default_factory=lambda: EMPTY)
     feedback: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: EMPTY)

@@ -29,7 +29,7 @@ def fly_with_feedback(
     rng: np.random.Generator,
     *,
     step: float = 0.005,
-    method: Step = rk4_step,
+    method: Step | None = None,
     outputs: Sequence[str] | None = None,
     distance: Distance = Distance.OTHER_STEP,
     name: str = "record",
@@ -42,13 +42,14 @@ def fly_with_feedback(
     Parameters
     ----------
     gains : by input, then by output, in the input's unit over the output's. Outputs that an input moves at once, as a load factor, are refused.
-    time : ``(N,)`` s. step : largest integration step, s. Others as of ``sim.truth.flight.fly``; process noise on states only.
+    time : ``(N,)`` s. step : largest integration step, s. method : None for Runge-Kutta's.
+    Others as of ``fly``; process noise on states only.
 
     Raises
     ------
     ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop, parameters that drift, a flight that diverges.
     """
-    system = compile_model(model, outputs)
+    system, method = compile_model(model, outputs), method or rk4_step
     loop = _Loop(system, model, maneuvers, gains)
     time = np.asarray(time, dtype=float)
     std = {key: float(model.noise.measurement_std.get(key, 0.0)) for key in system.output_names}

@@ -1,8 +1,8 @@
 """The truth generator: fly a model through maneuvers, and measure what it does.
 
 ``fly`` returns what a test engineer would hand over, the Record, and apart from it the Truth that
-only a study may open. The simulation steps finer than an estimator does and meets every switch of a
-maneuver at its own time, by exact means of the input over sub-steps.
+only a study may open. The motion is exact to a tolerance far below any sensor's noise, or goes in steps finer than an
+estimator's, and meets every switch of a maneuver at its own time.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ from sim.declaration.parameters import ParameterSet
 from sim.declaration.system import System
 from sim.errors import ModelError
 from sim.maneuvers.steps import Maneuver, Sum
-from sim.propagation.grid import Drive, Grid, cell_edges, drive_from_cells, drive_from_means, make_grid
+from sim.propagation.grid import Grid, make_grid
 from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
 from sim.record import Channel, Record
+from sim.truth.driving import drive_from_maneuvers
 from sim.truth.measurement import Measurement, measure
+from sim.truth.motion import by_tolerance
 from sim.truth.random_forcing import outputs_with_walks, propagate_with_process_noise
 
 
@@ -53,7 +55,7 @@ class Truth:
     noise_std : standard deviation of the measurement noise by output, zero where there was none.
     process_density : spectral density of the forcing that acted, by state or parameter.
     distance : how far this is from the model to be fitted.
-    step, method : size (s) and name of the integration step.
+    step, method : largest integration step, s, and the integrator's name; no step where the motion was found to a tolerance.
     """
 
     parameters: ParameterSet
@@ -65,7 +67,7 @@ class Truth:
     noise_std: Mapping[str, float]
     process_density: Mapping[str, float]
     distance: Distance
-    step: float
+    step: float | None
     method: str
 
 
@@ -84,7 +86,7 @@ def fly(
     *,
     measurement: Measurement | None = None,
     step: float = 0.001,
-    method: Step = rk4_step,
+    method: Step | None = None,
     outputs: Sequence[str] | None = None,
     distance: Distance = Distance.OTHER_STEP,
     name: str = "record",
@@ -99,7 +101,9 @@ def fly(
     time : ``(N,)`` s, sample times, uneven if wanted; see ``sample_times``.
     rng : the one source of randomness; the same state gives the same bytes.
     measurement : None for white noise of the model's ``measurement_std``.
-    step, method : largest integration step, s, and the integrator.
+    method : an integrator that goes in steps, or None for the exact motion of what is linear and else LSODA, to a tolerance of 1e-9; where
+        random forcing or effects on the input path act, or no solver keeps that tolerance, Runge-Kutta's of order 4 in its place.
+    step : largest step of an integrator and of sensors with memory, s.
     outputs : those recorded, all when None.
     distance : stated by the caller, kept in the Truth.
 
@@ -113,9 +117,8 @@ def fly(
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)
-    grid = make_grid(np.asarray(time, dtype=float), step)
-    moved = _propagated(model, system, by_input, grid, method, rng)
-    at = grid.sample
+    moved = _propagated(model, system, by_input, np.asarray(time, dtype=float), step, method, rng)
+    at = moved.sample
     measured = measurement or Measurement()
     std = model.noise.measurement_std if measured.std is None else measured.std
     truth = Truth(
@@ -128,8 +131,8 @@ def fly(
         noise_std={key: float(std.get(key, 0.0)) for key in system.output_names},
         process_density=moved.density,
         distance=distance,
-        step=float(grid.steps.max()),
-        method=getattr(method, "__name__", type(method).__name__),
+        step=moved.step,
+        method=moved.method,
     )
     units = {signal.name: signal.unit for signal in system.outputs}
     channels = measure(truth.time, truth.outputs, units, rng, replace(measured, std=truth.noise_std))
@@ -144,27 +147,41 @@ def _recorded_inputs(system: System, by_input: tuple[Maneuver, ...], time: np.nd
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
-    """States and random walks at the nodes of the grid, outputs without noise at the samples, and what forced them."""
+class _Flown:
+    """States and random walks at the edges of a grid, where the samples are among them, outputs without noise at these, and how it was flown."""
 
     states: Sequence[Any]
     walks: Mapping[str, np.ndarray]
+    sample: np.ndarray
     outputs: Sequence[Any]
     density: Mapping[str, float]
+    step: float | None
+    method: str
 
 
-def _propagated(model: Model, system: System, by_input: tuple[Maneuver, ...], grid: Grid, method: Step, rng: np.random.Generator) -> _Motion:
+def _propagated(
+    model: Model, system: System, by_input: tuple[Maneuver, ...], time: np.ndarray, step: float, method: Step | None, rng: np.random.Generator
+) -> _Flown:
     p = system.parameters.values().tolist()
-    drive = drive_from_maneuvers(system, p, by_input, grid)
     densities = {key: value for key, value in zip(system.state_names, system.noise(p)[0], strict=True) if value > 0}
     walking = _walking(model, system)
+    if method is None and not densities and not walking:
+        # Sensors with memory act on what passes between samples.
+        grid = make_grid(time, step if system.sensor_stages else np.inf)
+        found = by_tolerance(system, p, by_input, grid.edges)
+        if found is not None:
+            clean = outputs_at_samples(system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid)
+            return _Flown(found.states, {}, grid.sample, clean, {}, None, found.method)
+    grid, method = make_grid(time, step), method or rk4_step
+    drive = drive_from_maneuvers(system, p, by_input, grid)
     if densities or walking:
         states, walks = propagate_with_process_noise(system, p, drive, grid, method, densities, walking, rng)
     else:
         states, walks = propagate(system, p, system.initial.values().tolist(), drive, grid, method), {}
     refuse_divergence(model, grid, states)
     clean = outputs_with_walks(system, p, states, walks, drive, grid) if walks else outputs_at_samples(system, p, states, drive, grid)
-    return _Motion(states, walks, clean, {**densities, **walking})
+    named = getattr(method, "__name__", type(method).__name__)
+    return _Flown(states, walks, grid.sample, clean, {**densities, **walking}, float(grid.steps.max()), named)
 
 
 def remeasure(record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None) -> Record:
@@ -191,32 +208,6 @@ def _assigned(system: System, maneuvers: Mapping[str, Maneuver] | Maneuver | Non
         if key not in names:
             raise ModelError(f"there is no input {key!r}", where="fly", remedy=f"the inputs are {', '.join(names) or 'none'}")
     return tuple(table.get(key, Sum()) for key in names)
-
-
-def drive_from_maneuvers(system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], grid: Grid) -> Drive:
-    """Inputs at the vehicle for one maneuver an input, every switch at its own time."""
-    if system.input_stages:
-        edges = cell_edges(grid)
-        return drive_from_cells(system, p, [maneuver.mean(edges[:-1], edges[1:]) for maneuver in by_input], edges, grid)
-    a, b = grid.edges[:-1], grid.edges[1:]
-    means = [maneuver.mean(a, b) for maneuver in by_input]
-    begin, end = [maneuver(grid.edges) for maneuver in by_input], [maneuver.before(b) for maneuver in by_input]
-    drive = drive_from_means(means, begin, end)
-    # Where the input is smooth within a sub-step its values at the stages keep the integrator's order; elsewhere the mean serves.
-    stages: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]] = ([], [], [])
-    for maneuver, mean, first, last in zip(by_input, means, begin, end, strict=True):
-        smooth = _without_break(maneuver, a, b)
-        for stage, value in zip(stages, (first[:-1], maneuver(0.5 * (a + b)), last), strict=True):
-            stage.append(np.where(smooth, value, mean))
-    return replace(drive, stages=stages)
-
-
-def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Which sub-steps hold no switch strictly inside."""
-    if not maneuver.breakpoints:
-        return np.ones(a.shape, dtype=bool)
-    breaks = np.asarray(maneuver.breakpoints)
-    return np.searchsorted(breaks, a, side="right") >= np.searchsorted(breaks, b, side="left")
 
 
 def _walking(model: Model, system: System) -> dict[str, float]:

@@ -16,7 +16,8 @@ from sim.errors import ModelError
 from sim.maneuvers.steps import Maneuver, Sum
 from sim.propagation.grid import Drive, Grid, make_grid
 from sim.propagation.integrate import Step, outputs_at_samples, propagate, rk4_step
-from sim.truth.flight import drive_from_maneuvers, refuse_divergence
+from sim.truth.driving import drive_from_maneuvers
+from sim.truth.flight import refuse_divergence
 
 
 def fly_side_by_side(

@@ -23,6 +23,8 @@ from scenarios.studies.sweep.text import print_sweep
 from scenarios.studies.text import study_summary, with_display
 from scenarios.terminal.flying_qualities import levels_line
 from scenarios.terminal.numbers import test_line
+from sim.truth.flight import Truth
+from sim.truth.motion import EXACT, TOLERANCE
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth
@@ -115,12 +117,20 @@ def _evidence(study: Study) -> list[Block]:
     return blocks
 
 
+def _integrated(truth: Truth) -> str:
+    if truth.step is not None:
+        return f"flown with steps of {truth.step:g} s"
+    if truth.method == EXACT:
+        return "flown without steps: its equations are linear, and the motion is exact"
+    return f"flown by {truth.method} to a tolerance of {TOLERANCE:g} of the motion"
+
+
 def _made(study: Study) -> list[Block]:
     scenario, record = study.scenario, study.record
     vehicle = vehicle_line(scenario.flight)
     blocks: list[Block] = [Prose(sentence(scenario.about))] if scenario.about else []
     told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
-    blocks += [Prose(f"{told}, flown with steps of {scenario.flight.step:g} s.")]
+    blocks += [Prose(f"{told}, {_integrated(study.truth)}.")]
     if study.flexibility is not None:
         blocks += [Prose(sentence(line)) for line in flexibility_sentences(study.flexibility, scenario.flight.noise_std)]
     blocks += [Prose(sentence(note)) for note in study.notes]

@@ -58,7 +58,7 @@ class FlightTable(Strict):
     rate: Quantity
     modes: int = Field(default=0, ge=0)
     step: Quantity = 0.001
-    integration: Literal["rk4", "euler"] = "rk4"
+    integration: Literal["tolerance", "rk4", "euler"] = "tolerance"
     maneuvers: list[Maneuver] = []
     noise_std: dict[str, Quantity] = {}
     noise_variance: dict[str, str] = {}
@@ -128,7 +128,7 @@ class OtherFlightTable(Strict):
     duration: Quantity | None = None
     rate: Quantity | None = None
     step: Quantity | None = None
-    integration: Literal["rk4", "euler"] | None = None
+    integration: Literal["tolerance", "rk4", "euler"] | None = None
     maneuvers: list[Maneuver] | None = None
     noise_std: dict[str, Quantity] | None = None
     noise_variance: dict[str, str] | None = None

@@ -16,6 +16,7 @@ from scenarios.studies.estimating import assumed_noise, compiled, declared_model
 from scenarios.studies.flying import STEPS, flown_vehicle, maneuvers_by_input, true_model
 from scenarios.studies.published import published_values
 from sim.declaration.model import Model
+from sim.propagation.integrate import rk4_step
 from sim.record import Record
 from sim.truth.flight import Truth, remeasure
 from sim.truth.many_flights import fly_side_by_side
@@ -121,7 +122,7 @@ def _flown(scenario: Scenario, plan: SweepPlan, record: Record) -> dict[str, np.
         {name: [maneuver] * len(factors) for name, maneuver in by_input.items()},
         record.time,
         step=min(flight.step, 1.0 / flight.rate),
-        method=STEPS[flight.integration],
+        method=STEPS.get(flight.integration, rk4_step),
         outputs=list(record.output_names),
     )
 
