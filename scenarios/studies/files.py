@@ -23,6 +23,7 @@ from scenarios.studies.text import print_study
 from scenarios.terminal.numbers import as_text
 from scenarios.terminal.summary import HERE
 from sim.truth.flight import Truth
+from sim.truth.motion import TOLERANCE
 
 MAIN = "comparison.json"
 
@@ -75,7 +76,7 @@ def truth_content(truth: Truth) -> dict[str, Any]:
         "noise_std": dict(truth.noise_std),
         "process_density": dict(truth.process_density),
         "distance": truth.distance.value,
-        "step": truth.step,
+        **({"tolerance": TOLERANCE} if truth.step is None else {"step": truth.step}),
         "method": truth.method,
     }
 

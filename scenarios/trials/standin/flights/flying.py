@@ -17,6 +17,7 @@ from scenarios.trials.standin.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.maneuvers.steps import Maneuver
+from sim.propagation.integrate import rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
 from sim.truth.many_flights import fly_side_by_side
@@ -74,7 +75,7 @@ def _fly(drawn: Drawn, number: int, rng: np.random.Generator, noise: bool, step:
     std = {name: causes.noise_std[name] for name in drawn.channels if noise and causes.noise_std.get(name, 0.0) > 0}
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, causes.noise_time) if causes.noise_time else {})
     name = f"record_{number + 1}"
-    record, _ = fly(model, moves, time, sensor_seed, measurement=sensors, step=step, outputs=drawn.channels, name=name)
+    record, _ = fly(model, moves, time, sensor_seed, measurement=sensors, step=step, method=rk4_step, outputs=drawn.channels, name=name)
     elevator = recorded(drawn, ELEVATOR, time, step, elevator_moves) + found.zero + found.noise
     levels = _levels(drawn, found)
     outputs = tuple(Channel.of(c.name, c.unit, c.values + levels[c.name]) if c.name in levels else c for c in record.outputs)
@@ -140,7 +141,7 @@ def _one_by_one(
     for column, seed in enumerate(seeds):
         own = model.with_values({key: float(row[column]) for key, row in values.items()})
         mine = {name: each[column] for name, each in moves.items()}
-        columns.append(fly(own, mine, time, seed, measurement=Measurement(std={}), step=step, outputs=channels)[1].outputs)
+        columns.append(fly(own, mine, time, seed, measurement=Measurement(std={}), step=step, method=rk4_step, outputs=channels)[1].outputs)
     return {name: np.stack([column[name] for column in columns], axis=1) for name in channels}
 
 

@@ -14,6 +14,7 @@ from scenarios.trials.standin.flights.recorder import recorded
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.maneuvers.steps import Maneuver
+from sim.propagation.integrate import rk4_step
 from sim.record import Channel, Hold, Record
 from sim.truth.flight import fly, sample_times
 from sim.truth.many_flights import fly_side_by_side
@@ -58,7 +59,7 @@ def _flown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float, std:
     past = drawn.standin.causes.noise_time
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, past) if past else {})
     model = found.model.with_values(found.scattered(drawn))
-    record, _ = fly(model, found.moves, time, found.sensors, measurement=sensors, step=step, outputs=drawn.channels, name=f"record_{number + 1}")
+    record, _ = fly(model, found.moves, time, found.sensors, measurement=sensors, step=step, method=rk4_step, outputs=drawn.channels, name=f"record_{number + 1}")
     return replace(record, inputs=_shown(drawn, found, time, step), hold=Hold.LINEAR)
 
 

@@ -21,6 +21,7 @@ from scenarios.trials.standin.schema import standin_of
 from sim.declaration.effect import Station
 from sim.effects.library import effect_names, find_effect
 from sim.errors import DeclarationError
+from sim.propagation.integrate import rk4_step
 from sim.record import Hold, Record
 from sim.truth.flight import fly, sample_times
 from tests.standins import ALL_CHANNELS, CALM, EVERY, short
@@ -56,7 +57,7 @@ def test_with_nothing_on_a_record_is_the_plain_flight_bit_for_bit() -> None:
     plan = drawn(total=False, trim_alpha=(0.0, 0.0))
     for record, move in zip(records(plan), plan.maneuvers, strict=True):
         time = sample_times(25.0, 8.0)
-        plain, _ = fly(plan.declared, move, time, np.random.default_rng(0), step=0.01)
+        plain, _ = fly(plan.declared, move, time, np.random.default_rng(0), step=0.01, method=rk4_step)
         for name in MEASURED:
             assert np.array_equal(record[name].values, plain[name].values), name
         assert np.array_equal(record["elevator"].values, move(time))
