@@ -60,7 +60,7 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
     def run(seed: int | None, progress: Progress) -> Study:
         study = run_scenario(scenario, seed)
         check_display(study)
-        sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed, progress)
+        sweep = sweep_flexibility(scenario, study.record, study.seed, progress)
         return replace(study, repeated=fly_repeatedly(scenario, seed, progress), sweep=sweep)
 
     return Runner(run, write_study, _on_console(print_study), _as_text(print_study))

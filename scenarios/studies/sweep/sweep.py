@@ -11,15 +11,12 @@ import numpy as np
 from ident.banks.bank import run_bank
 from ident.estimate import Outcome
 from ident.statistics.residuals import ResidualTest, residual_tests
-from scenarios.studies.declaration import Estimation, Flight, Mark, Scenario, Start, SweepPlan
+from scenarios.studies.declaration import Estimation, Flight, Mark, Scenario, Start
 from scenarios.studies.estimating import assumed_noise, compiled, declared_model, estimate_record, filter_settings, flight_constants
-from scenarios.studies.flying import STEPS, flown_vehicle, maneuvers_by_input, true_model
+from scenarios.studies.flying import flown_vehicle, fly_scenario
 from scenarios.studies.published import published_values
 from sim.declaration.model import Model
-from sim.propagation.integrate import rk4_step
 from sim.record import Record
-from sim.truth.flight import Truth, remeasure
-from sim.truth.many_flights import fly_side_by_side
 from sim.vehicles.flexibility.degree import Flexibility, flexibility
 from sim.vehicles.flexibility.partial_condensation import condense_above
 
@@ -75,12 +72,12 @@ class Sweep:
 
 
 def sweep_flexibility(
-    scenario: Scenario, record: Record, truth: Truth, seed: int, progress: Callable[[str, float], None] = lambda stage, share: None
+    scenario: Scenario, record: Record, seed: int, progress: Callable[[str, float], None] = lambda stage, share: None
 ) -> Sweep | None:
     """Fly a scenario's flight with each of its frequency factors and estimate it by each of its methods; None where it asks for none.
 
-    ``record`` and ``truth`` are those of its own flight with this ``seed``: every structure is measured with the same noise, so that what
-    differs along the sweep is the structure's doing.
+    ``record`` is that of its own flight with this ``seed``: every structure is measured with the same noise, so that what differs along the
+    sweep is the structure's doing.
 
     Raises
     ------
@@ -90,12 +87,8 @@ def sweep_flexibility(
     if plan is None:
         return None
     progress("flying", 0.0)
-    outputs = _flown(scenario, plan, record)
     flights = [replace(scenario.flight, frequency_factor=factor) for factor in plan.frequency_factors]
-    records = [
-        remeasure(record, replace(truth, outputs={name: rows[:, number] for name, rows in outputs.items()}), np.random.default_rng(seed))
-        for number in range(len(flights))
-    ]
+    records = [fly_scenario(replace(scenario, flight=flight), seed)[0] for flight in flights]
     methods = []
     for number, estimation in enumerate(scenario.estimations):
         progress(estimation.label, (1 + number) / (2 + len(scenario.estimations)))
@@ -107,24 +100,6 @@ def sweep_flexibility(
     values = flown_vehicle(scenario.flight).values
     marks = tuple((mark, published_values(mark.published, units) if mark.published else {}) for mark in plan.marks)
     return Sweep(points, {name: values[name] for name in figures[0].condensed}, units, marks)
-
-
-def _flown(scenario: Scenario, plan: SweepPlan, record: Record) -> dict[str, np.ndarray]:
-    """Noise-free outputs ``(N, B)`` of all structures by name."""
-    flight = scenario.flight
-    model = true_model(replace(flight, frequency_factor=1.0))
-    factors = np.array(plan.frequency_factors)
-    natural = {name: model.parameters[name].value for name in (f"omega{i}" for i in range(1, flight.modes + 1))}
-    by_input = maneuvers_by_input(flight.maneuvers, {signal.name for signal in model.equations.inputs}, "key flight")
-    return fly_side_by_side(
-        model,
-        {name: factors * value for name, value in natural.items()},
-        {name: [maneuver] * len(factors) for name, maneuver in by_input.items()},
-        record.time,
-        step=min(flight.step, 1.0 / flight.rate),
-        method=STEPS.get(flight.integration, rk4_step),
-        outputs=list(record.output_names),
-    )
 
 
 def _model(scenario: Scenario, estimation: Estimation, flight: Flight) -> Model:

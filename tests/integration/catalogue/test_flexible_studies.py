@@ -38,7 +38,7 @@ COARSE = ("flight.rate=20 Hz", "flight.step=0.005")
 def swept() -> tuple[Study, Sweep]:
     scenario = load_scenario("flexibility-sweep", [*COARSE, "sweep.frequency_factors=[4.0, 1.0, 0.5]"])
     study = run_scenario(scenario)
-    sweep = sweep_flexibility(scenario, study.record, study.truth, study.seed)
+    sweep = sweep_flexibility(scenario, study.record, study.seed)
     assert sweep is not None
     return study, sweep
 

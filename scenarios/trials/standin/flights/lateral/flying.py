@@ -59,7 +59,9 @@ def _flown(drawn: Drawn, found: _Conditions, time: np.ndarray, step: float, std:
     past = drawn.standin.causes.noise_time
     sensors = Measurement(std=std, correlation_time=dict.fromkeys(std, past) if past else {})
     model = found.model.with_values(found.scattered(drawn))
-    record, _ = fly(model, found.moves, time, found.sensors, measurement=sensors, step=step, method=rk4_step, outputs=drawn.channels, name=f"record_{number + 1}")
+    record, _ = fly(
+        model, found.moves, time, found.sensors, measurement=sensors, step=step, method=rk4_step, outputs=drawn.channels, name=f"record_{number + 1}"
+    )
     return replace(record, inputs=_shown(drawn, found, time, step), hold=Hold.LINEAR)
 
 

@@ -24,6 +24,7 @@ from scenarios.trials.standin.study import acts
 from sim.declaration.effect import Station
 from sim.effects.library import effects_for, find_effect
 from sim.errors import DeclarationError
+from sim.propagation.integrate import rk4_step
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.lateral import Lateral
@@ -52,7 +53,7 @@ def test_with_nothing_on_a_record_is_the_plain_flight() -> None:
     plan = drawn(records=(2, 2), step=0.01)
     for number, record in enumerate(records(plan)):
         moves = {name: plan.moves(name)[number] for name in ("rudder", "aileron")}
-        plain, _ = fly(plan.declared, moves, sample_times(25.0, 8.0), np.random.default_rng(0), step=0.01)
+        plain, _ = fly(plan.declared, moves, sample_times(25.0, 8.0), np.random.default_rng(0), step=0.01, method=rk4_step)
         for name in MEASURED:
             np.testing.assert_allclose(record[name].values, plain[name].values, rtol=0.0, atol=1e-15, err_msg=name)
         assert np.ptp(record["beta"].values) > 1.0 * DEGREE and np.ptp(record["p"].values) > 2.0 * DEGREE
