@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import numpy as np
 
@@ -92,13 +93,15 @@ def run_bank(
             raise ModelError("a covariance for each run is for one pass of as many runs", where="bank", remedy="call it once for each pass")
         problem = replace(problem, covariance=covariance)
 
-    result, iterations = run_pass(problem, settings, runs, keep), np.ones(count, dtype=int)
+    # Runs with data of their own are a campaign's: hundreds, each of which must not depend on the others.
+    filtered = partial(run_pass, problem, settings, in_rows=z is not None)
+    result, iterations = filtered(runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)
     for done in range(1, settings.passes):
         if active.size == 0:
             break
         start_again = np.concatenate([runs.start[:n_x], result.mean[n_x:]])
-        again = run_pass(problem, settings, BankRuns(runs.p, runs.drive, runs.z, start_again).only(active), keep)
+        again = filtered(BankRuns(runs.p, runs.drive, runs.z, start_again).only(active), keep)
         std = np.sqrt(np.maximum(np.diagonal(result.covariance[active], axis1=1, axis2=2).T[n_x:], np.finfo(float).tiny))
         moved = np.max(np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0)
         result, iterations[active] = _merged(result, again, active), done + 1

@@ -71,11 +71,16 @@ def tables_of(system: System, p: Sequence[Any], density: np.ndarray, variance: n
     return Tables(found[0].n, n_x, *found, tuple(driven.tolist()), share, np.diag(np.asarray(variance, dtype=float)))
 
 
-def march_of_table(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March | None:
-    """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask for `ident.banks.any_equations`."""
+def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> Tables | None:
+    """The tables of a pass, None where the equations, the integrator, the transition or the inputs have none."""
     if settings.step is not rk4_step or settings.transition != _SERIES or not held_within_steps(runs.drive):
         return None
-    tables = tables_of(problem.system, runs.p, problem.density, problem.variance)
+    return tables_of(problem.system, runs.p, problem.density, problem.variance)
+
+
+def march_of_table(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March | None:
+    """Prepare a pass; None where the equations, the integrator, the transition or the inputs ask for `ident.banks.any_equations`."""
+    tables = tables_for(problem, settings, runs)
     if tables is None:
         return None
     samples, dt = problem.grid.sample.tolist(), problem.grid.steps.tolist()

@@ -11,6 +11,7 @@ import numpy as np
 from ident.banks.any_equations import decorrelated, march_of_steps
 from ident.banks.bilinear_equations import march_of_table
 from ident.banks.runs import BankHistory, BankPass, BankRuns, BankTrace, Stretch
+from ident.banks.side_by_side import pass_side_by_side
 from ident.estimate import LARGEST
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
@@ -20,12 +21,25 @@ _STRETCH = 32  # samples; more gain nothing and cost memory
 
 
 def run_pass(
-    problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool, about: np.ndarray | None = None, trace: BankTrace | None = None
+    problem: FilterProblem,
+    settings: FilterSettings,
+    runs: BankRuns,
+    keep: bool,
+    about: np.ndarray | None = None,
+    trace: BankTrace | None = None,
+    *,
+    in_rows: bool = False,
 ) -> BankPass:
     """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound sample.
 
-    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given.
+    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is filled where given. ``in_rows`` asks
+    for `ident.banks.side_by_side` where the equations have a table: from a hundred runs on the faster way, and below the slower one, by
+    which no run's numbers depend on which others there are.
     """
+    if in_rows and about is None and trace is None:
+        plain = pass_side_by_side(problem, settings, runs, keep)
+        if plain is not None:
+            return plain
     (n, B), (m, N) = runs.start.shape, problem.valid.shape
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
