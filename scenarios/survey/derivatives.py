@@ -75,6 +75,27 @@ def estimates(
     return out
 
 
+def effects_over(found: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]) -> dict[tuple[str, str], tuple[str, Trend]]:
+    """Parameters of effects whose values differ between flights, by effect and name, with the condition with which each changes most surely."""
+    asked: list[tuple[tuple[str, str], str, Trend]] = []
+    for each in found:
+        if each.found.agrees:
+            continue
+        for condition, by_flight in conditions.items():
+            at = [number for number, name in enumerate(each.flights) if name in each.has and name in by_flight]
+            where = np.array([by_flight[each.flights[number]] for number in at])
+            for place, local in enumerate(each.parameters):
+                line = trend(each.values[at, place], each.sigmas[at, place], where)
+                if line is not None:
+                    asked.append(((each.name, local), condition, line))
+    rates = adjusted(np.array([line.p_value for *_, line in asked]))
+    out: dict[tuple[str, str], tuple[str, Trend]] = {}
+    for (key, condition, line), rate in zip(asked, rates, strict=True):
+        if rate < TOLD and (key not in out or line.p_value < out[key][1].p_value):
+            out[key] = condition, line
+    return out
+
+
 def over_flights(
     flights: Sequence[str], told: Sequence[Mapping[str, tuple[float, float]]], conditions: Mapping[str, Mapping[str, float]], units: Mapping[str, str]
 ) -> list[Derivative]:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ident.pooling.trend import Trend
 from scenarios.plots.formats import Formats
 from scenarios.survey.beside_own import recurring_beside_own
 from scenarios.survey.candidates import candidates, own_effects, starts_of
-from scenarios.survey.derivatives import Derivative, estimates, over_flights
+from scenarios.survey.derivatives import Derivative, effects_over, estimates, over_flights
 from scenarios.survey.flights import Flights, read_flights
 from scenarios.survey.growing import Grown, Tell, grown
 from scenarios.survey.pooled_fits import PooledFits
@@ -27,8 +28,8 @@ class Survey:
 
     ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that recur. ``tried``: those that were asked of all flights.
     ``alone``: effects that flights claim and that do not recur, with these flights; ``needless``: those that what recurs explains as well.
-    ``derivatives`` over the flights. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``: those that could not be, with
-    the reason.
+    ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a condition. ``refitted``: flights that were fitted with
+    what recurs in this run. ``unfitted``: those that could not be, with the reason.
     """
 
     flights: Flights
@@ -40,6 +41,7 @@ class Survey:
     derivatives: tuple[Derivative, ...] = ()
     conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     condition_units: Mapping[str, str] = field(default_factory=dict)
+    effect_trends: Mapping[tuple[str, str], tuple[str, Trend]] = field(default_factory=dict)
     refitted: int = 0
     unfitted: Mapping[str, str] = field(default_factory=dict)
 
@@ -87,9 +89,10 @@ def survey_flights(path: str | Path, folder: Path, jobs: int = 1, figures: Forma
                 gone = name in left and each["name"] in fits[name]["own"]
                 (needless if gone else alone).setdefault(each["name"], []).append(name)
     derivatives = over_flights(flown, told, conditions, units)
+    changes = effects_over(found, conditions)
     tell("pooled", 0.96)
     single, gone_of = ({name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless))
-    return Survey(asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, refitted, unfitted)
+    return Survey(asked, had, tuple(found), names, single, gone_of, tuple(derivatives), conditions, condition_units, changes, refitted, unfitted)
 
 
 def _fits(had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:

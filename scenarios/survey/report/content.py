@@ -26,7 +26,7 @@ def survey_content(survey: Survey, created: str) -> dict[str, Any]:
         "model": survey.flights.model,
         "verdict": word.lower(),
         "headline": rest,
-        "effects": [effect_content(each) for each in survey.recurs],
+        "effects": [effect_content(each, survey) for each in survey.recurs],
         "tried": list(survey.tried),
         "candidates": LIBRARY,
         "alone": {name: list(flights) for name, flights in survey.alone.items()},
@@ -47,7 +47,7 @@ def survey_content(survey: Survey, created: str) -> dict[str, Any]:
     }
 
 
-def effect_content(each: Recurring) -> dict[str, Any]:
+def effect_content(each: Recurring, survey: Survey) -> dict[str, Any]:
     """One effect that recurs."""
     found = each.found
     sigmas = np.sqrt(np.diag(found.covariance))
@@ -55,11 +55,16 @@ def effect_content(each: Recurring) -> dict[str, Any]:
     return {
         "name": each.name,
         "belongs_to": found.belongs,
-        "sentence": belongs_phrase(each),
+        "sentence": belongs_phrase(each, survey),
         "rivals_sentence": rivals_phrase(each),
         "parameters": {local: {"value": float(value), "std": float(sigma), "unit": unit} for (local, unit), value, sigma in common},
         "one_value": found.agrees,
         "scatter": found.scatter,
+        "changes": {
+            local: {"with": condition, "slope": line.slope, "std": line.slope_sigma, "per": survey.condition_units[condition], "p": line.p_value}
+            for (name, local), (condition, line) in survey.effect_trends.items()
+            if name == each.name
+        },
         "share": found.share,
         "log_likelihood": found.log_likelihood,
         "chance_of_as_much": found.p_value,

@@ -44,7 +44,7 @@ def survey_page(survey: Survey, drawn: Sequence[Drawn] = (), linked: Collection[
     """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their own beside it."""
     word, rest = verdict_of(survey)
     far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]
-    told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each), rivals_phrase(each)) if part]
+    told = [f"{each.name}: {part}" for each in survey.recurs for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part]
     alone = single_phrases(survey)
     return Page(
         title=f"{survey.flights.title}: survey",

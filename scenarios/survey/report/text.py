@@ -28,7 +28,7 @@ def survey_text(survey: Survey, width: int = WIDTH, details: str = BELOW) -> str
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_lines(columns_of(*effect_rows(survey), left=3), title="what recurs", width=width)
     for each in survey.recurs:
-        told = "; ".join(part for part in (belongs_phrase(each), rivals_phrase(each)) if part)
+        told = "; ".join(part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part)
         lines += wrapped(f"{each.name}: {told}", width)
     lines += ["", *table_lines(columns_of(*derivative_rows(survey), left=2, words=("changes",)), title="derivatives over the flights", width=width)]
     far = [[flight, name, f"{off:+.1f}"] for flight, name, off in outstanding(survey)]

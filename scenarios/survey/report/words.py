@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.pooling.trend import Trend
 from ident.tracing.diagnosis import Verdict
 from scenarios.survey.derivatives import TOLD, Derivative
 from scenarios.survey.recurring import EQUAL, Recurring
@@ -42,8 +43,8 @@ def verdicts_phrase(survey: Survey) -> str:
 def effect_phrase(each: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
     values = values_of(each)
-    told = values[0].partition(" ")[2] if len(values) == 1 else f"({', '.join(values)})"
-    return f"{each.name} {told} in {len(each.has)} of {len(each.flights)} flights"
+    told = f" {values[0].partition(' ')[2]}" if len(values) == 1 else f" ({', '.join(values)})" if len(values) == 2 else ""
+    return f"{each.name}{told} in {len(each.has)} of {len(each.flights)} flights"
 
 
 def values_of(each: Recurring) -> list[str]:
@@ -56,8 +57,8 @@ def values_of(each: Recurring) -> list[str]:
     return out
 
 
-def belongs_phrase(each: Recurring) -> str:
-    """Whose it is, and whether its value is one."""
+def belongs_phrase(each: Recurring, survey: Survey) -> str:
+    """Whose it is, and whether its value is one, or changes with a condition."""
     told = f"{len(each.has)} have it, {len(each.has_not)} have it not, {len(each.untold)} do not tell"
     whose = (
         f"it belongs to the aircraft: no flight excludes it ({told})" if each.found.belongs == "aircraft" else f"it acts in some flights only: {told}"
@@ -67,7 +68,16 @@ def belongs_phrase(each: Recurring) -> str:
         if each.found.agrees
         else f"its values differ by {100 * each.found.scatter:.0f} % (one sigma) between flights"
     )
-    return f"{whose}; {same}"
+    changes = [f"{local} {change}" for local in each.parameters if (change := _effect_change(survey, each, local))]
+    return "; ".join([whose, same, *changes])
+
+
+def _effect_change(survey: Survey, each: Recurring, local: str) -> str:
+    found = survey.effect_trends.get((each.name, local))
+    if found is None:
+        return ""
+    factor, text = shown_in(each.parameters[local], local)
+    return _change(*found, survey.condition_units.get(found[0], "1"), text, factor)
 
 
 def rivals_phrase(each: Recurring) -> str:
@@ -92,11 +102,14 @@ def drift_phrase(survey: Survey, each: Derivative) -> str:
     drift = each.drifts
     if drift is None:
         return ""
-    name, line = drift
-    unit = survey.condition_units.get(name, "1")
-    per = f" per {unit}" if unit != "1" else " per unit"
-    own = "" if each.unit in ("", "1") else f" {each.unit}"
-    return f"{each.name} changes with {name} by {line.slope:.3g} +- {line.slope_sigma:.2g}{own}{per}"
+    return f"{each.name} {_change(*drift, survey.condition_units.get(drift[0], '1'), each.unit)}"
+
+
+def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.0) -> str:
+    """``"changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``."""
+    own = "" if unit in ("", "1") else f" {unit}"
+    slope, sigma = factor * line.slope, factor * line.slope_sigma
+    return f"changes with {condition} by {slope:.3g} +- {sigma:.2g}{own} per {per if per != '1' else 'unit'}"
 
 
 def drifts(survey: Survey) -> list[str]:

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from scenarios.survey.derivatives import TOLD, estimates, over_flights
+from scenarios.survey.derivatives import TOLD, effects_over, estimates, over_flights
 from scenarios.survey.recurring import recurring
 from tests.unit.scenarios.survey.made_up import DECLARED, TRUE, UNITS, flown, kept
 
@@ -111,3 +111,19 @@ def test_conditions_that_only_some_flights_have() -> None:
     assert each.drifts[1].slope == pytest.approx(0.01)
     (few,) = over_flights(NAMES[:6], told, {"flaps": dict.fromkeys(NAMES[:3], 1.0)}, UNITS)
     assert few.trends == {}
+
+
+def test_an_effect_that_changes_with_a_condition_is_told_so() -> None:
+    """A lag that is an arm over the airspeed; where one value is enough, nothing is asked."""
+    rng = np.random.default_rng(5)
+    speed = rng.uniform(0.7, 1.6, COUNT)
+    conditions = {"airspeed": dict(zip(NAMES, speed, strict=True)), "mass": dict(zip(NAMES, rng.uniform(4.0, 6.0, COUNT), strict=True))}
+    for power, told in ((1.0, {("lag", "value0"): "airspeed"}), (0.0, {})):
+        fits = [flown(rng, {"lag": rng.standard_normal((60, 1))}, {"lag": [3.0 / one**power]}).fits() for one in speed]
+        found, _ = recurring(("lag",), NAMES, fits, kept([{"lag": []}] * COUNT))
+        changes = effects_over(found, conditions)
+        assert {key: condition for key, (condition, _) in changes.items()} == told
+        for _, line in changes.values():
+            slope, sigma, _, _ = regression(found[0].values[:, 0], found[0].sigmas[:, 0], speed)
+            assert (line.slope, line.slope_sigma) == pytest.approx((slope, sigma), rel=1e-4)
+            assert slope < -8.0 * sigma
