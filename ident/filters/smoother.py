@@ -41,31 +41,45 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
     history's ``transition``; at each sample x_s = x + P r, P_s = P - P W P. A smoothed variance never exceeds the
     filter's. Should W leave the range of numbers, the samples before keep the filter's values.
     """
+    N = len(history.time)
     mean, covariance = history.mean.copy(), history.covariance.copy()
-    n, last = len(history.names), len(history.time) - 1
-    r, W = np.zeros(n), np.zeros((n, n))
     with np.errstate(all="ignore"):
-        for k in range(last, -1, -1):
-            P = history.covariance[k]
-            if k < last:
-                x, reduced = mean[:, k] + P @ r, P - P @ W @ P
-                if not (np.all(np.isfinite(x)) and np.all(np.isfinite(reduced))):
-                    break
-                mean[:, k], covariance[k] = x, _at_most(0.5 * (reduced + reduced.T), np.diag(P))
-            if np.any(history.valid[:, k]):
-                H, S = history.sensitivity[k], history.innovation_covariance[k]
-                weighted = np.linalg.solve(S, H)
-                kept = np.eye(n) - history.predicted_covariance[k] @ weighted.T @ H
-                r = weighted.T @ history.innovation[:, k] + kept.T @ r
-                W = weighted.T @ H + kept.T @ W @ kept
-            G = history.transition[k]
-            r, W = G.T @ r, G.T @ W @ G
+        r, W = _backwards(history)
+        x = mean[:, :-1] + (covariance[:-1] @ r[:, :, None])[:, :, 0].T
+        reduced = covariance[:-1] - covariance[:-1] @ W @ covariance[:-1]
+        lost = np.flatnonzero(~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2))))
+    held = slice(lost[-1] + 1 if lost.size else 0, N - 1)
+    mean[:, held] = x[:, held]
+    symmetric = 0.5 * (reduced[held] + reduced[held].transpose(0, 2, 1))
+    covariance[held] = _at_most(symmetric, np.diagonal(covariance[held], axis1=1, axis2=2))
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
 
 
+def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
+    """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W <- D + M^T W M with what each sample brings."""
+    H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
+    N, n = len(G), len(history.names)
+    # A channel that is missing has zeros in H and one in S: it brings nothing.
+    weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
+    M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
+    brought = G.transpose(0, 2, 1) @ weighted
+    c, D, M_turned = (brought @ history.innovation.T[later, :, None])[:, :, 0], brought @ (H @ G), M.transpose(0, 2, 1)
+    r, W = np.empty((N, n)), np.empty((N, n, n))
+    if N:
+        r[-1], W[-1] = c[-1], D[-1]
+    room, dot, add = np.empty((n, n)), np.dot, np.add
+    for k in range(N - 1, 0, -1):
+        turned, before = M_turned[k - 1], W[k - 1]
+        add(dot(turned, r[k]), c[k - 1], r[k - 1])
+        dot(turned, W[k], room)
+        dot(room, M[k - 1], before)
+        add(before, D[k - 1], before)
+    return r, W
+
+
 def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """``P`` with rows and columns scaled where a variance exceeds the limit or is negative."""
-    own = np.diag(P)
+    """``P (N, n, n)`` with rows and columns scaled where a variance exceeds the limit ``(N, n)`` or is negative."""
+    own = np.diagonal(P, axis1=1, axis2=2)
     factor = np.sqrt(np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0))
-    return P * np.outer(factor, factor)
+    return np.asarray(P * (factor[:, :, None] * factor[:, None]))
