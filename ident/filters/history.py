@@ -15,9 +15,11 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
 def breakdown(mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float) -> Outcome | None:
     """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further numbers."""
-    if not all(np.abs(v).max(initial=0.0) < LARGEST for v in (mean, covariance, *further)):
+    numbers = (mean, covariance, *further)
+    # Sums of squares are the cheaper bound, and a NaN fails either comparison.
+    if not sum(np.vdot(v, v) for v in numbers) < LARGEST and not all(np.abs(v).max(initial=0.0) < LARGEST for v in numbers):
         return Outcome.DIVERGED
-    return Outcome.INDEFINITE if np.diag(covariance).min() < 0.0 else None
+    return Outcome.INDEFINITE if covariance.diagonal().min() < 0.0 else None
 
 
 class HistoryKeeper:

@@ -131,7 +131,10 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
     ------
     numpy.linalg.LinAlgError : ``S`` is not positive definite.
     """
-    root = np.linalg.cholesky(S)
-    white = np.linalg.solve(root, y)
-    squared = float(white @ white)
-    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - float(np.log(np.diag(root)).sum()), squared
+    from scipy.linalg.lapack import dposv
+
+    root, weighed, trouble = dposv(S, y)
+    if trouble:
+        raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
+    squared = float(y @ weighed.ravel())
+    return -0.5 * (squared + len(y) * math.log(2.0 * math.pi)) - sum(map(math.log, root.diagonal().tolist())), squared
