@@ -26,6 +26,7 @@ FLAG = "--cluster"
 INSTALL = 'pip install "flightid[cluster]"'
 START = "start one with dask scheduler, and give the address that it prints"
 REACHED = 6.0  # s in which a scheduler has to answer
+SILENT = 20.0  # s of a busy scheduler's silence, after which it counts as lost
 LOOK = 2.0  # s between looks whether the scheduler lives and how many workers it has
 POLL = 0.01  # s between looks for what has ended
 AHEAD = 3  # blocks on their way for each thread of a worker: none waits for work, and memory is bounded
@@ -143,7 +144,7 @@ def _threads(client: Client, address: str) -> int:
     if client.status != "running" or scheduler is None:
         raise _lost(address)
     try:
-        return sum(client.sync(scheduler.ncores, callback_timeout=REACHED).values())
+        return sum(client.sync(scheduler.ncores, callback_timeout=SILENT).values())
     except (OSError, TimeoutError):
         raise _lost(address) from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.util
 import pickle
 import socket
 import threading
@@ -100,16 +101,20 @@ def _sweep_later() -> None:
 
 
 def _sweep() -> None:
-    """End processes that have had nothing to do for long."""
+    _end_idle(IDLE)
+    _sweeping.release()
+    if _idle:
+        _sweep_later()
+
+
+def _end_idle(longest: float) -> None:
+    """End processes that have had nothing to do for ``longest`` s."""
     with _lock:
-        old = [lane for lane in _idle if time.monotonic() - lane.since > IDLE]
+        old = [lane for lane in _idle if time.monotonic() - lane.since >= longest]
         for lane in old:
             _idle.remove(lane)
         if old and not _idle:
             _works.clear()
-        _sweeping.release()
-        if _idle:
-            _sweep_later()
     for lane in old:
         lane.end()
 
@@ -123,3 +128,7 @@ def _differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
         if one != other:
             return f"{name} {other or 'not installed'}, and here is {one or 'none'}"
     return ""
+
+
+# When the worker ends: its process would else wait for them.
+multiprocessing.util.Finalize(None, _end_idle, args=(0.0,), exitpriority=100)

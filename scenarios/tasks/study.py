@@ -93,11 +93,11 @@ def run_study(work: Work, asked: Asked, tell: Tell = lambda stage, share: None) 
             try:
                 with shards:
                     _run(work, asked, left, shards.add, tell)
-            except FlightidError as error:
+            except (FlightidError, KeyboardInterrupt) as error:
                 kept = len(shards.read(asked.count)["number"])
                 if not kept and not asked.resume:
                     _take_away(folder, made)
-                raise _cut_short(error, kept, asked) from None
+                raise _cut_short(error, kept, asked) if isinstance(error, FlightidError) else error from None
             columns = shards.read(asked.count)
             shards.compact()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Papers by their seeds into a folder, and their table: ``python -m scenarios.trials.papers FIRST COUNT --out DIR [--jobs N] [--resume]``."""
+"""Papers by their seeds, and their table: ``python -m scenarios.trials.papers FIRST COUNT --out DIR [--jobs N | --cluster ADDRESS] [--resume]``."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("count", type=int, metavar="COUNT", help="how many seeds")
     parser.add_argument("--jobs", type=int, help="processes; left out, one for each core")
     parser.add_argument("--out", type=Path, required=True, help="folder of the papers: as they come in runs, all in papers.jsonl")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="work on a Dask cluster, by its scheduler's tcp://HOST:PORT")
     parser.add_argument("--resume", action="store_true", help="go on with what the folder holds")
     asked = parser.parse_args(arguments)
     if asked.first < 0 or asked.count < 1:
         parser.error("FIRST is 0 or more, COUNT is 1 or more")
     try:
-        done = examined(asked.first, asked.count, Manner(asked.jobs, asked.out, asked.resume))
+        done = examined(asked.first, asked.count, Manner(asked.jobs, asked.out, asked.resume, asked.cluster))
     except FlightidError as fault:
         parser.exit(2, f"{fault}\n")
     except KeyboardInterrupt as ended:

@@ -25,8 +25,6 @@ from tests.unit.scenarios.tasks.toy import Loads, Threads, Toy
 
 COUNT = 60
 ASKED = Asked(COUNT, 7)
-# Its own threads and sockets, which a kill leaves to the garbage collector.
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture(scope="module")
