@@ -41,6 +41,7 @@ MOST_NOT_RUN = 12  # more are a sign that pages show what nobody can follow
 
 # Pages whose commands take long: they run with `-m slow`, and what stands here is tested otherwise by default.
 SLOW = {
+    "docs/how-to/cluster.md": "tests/unit/scenarios/tasks/test_cluster.py runs on a cluster of its own",
     "docs/how-to/survey.md": "tests/unit/scenarios/survey surveys a smaller fleet",
     "docs/how-to/own-effect.md": "tests/contracts/test_new_effect.py takes the page's effect through the whole loop",
 }
