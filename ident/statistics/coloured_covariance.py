@@ -50,7 +50,7 @@ def corrected_covariance(
             lags = min(max(10, residual.shape[1] // 5), residual.shape[1] - 1)
             covariance = autocovariance(residual[i], lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
             sensitivity = np.where(valid[i][:, None], jacobian[i], 0.0) / variance[i]
-            middle[np.ix_(at, at)] += filtered_product(sensitivity, covariance)
+            middle[at[:, None], at] += filtered_product(sensitivity, covariance)
     corrected = inverse @ middle @ inverse
     white, own = np.diag(inverse), np.diag(corrected)
     # Where the residuals say nothing at all (exact data) the white value stands alone.

@@ -30,7 +30,7 @@ class LocalModel:
         """Levenberg-Marquardt step ``(n,)`` in sigmas; what does not move stays."""
         out = np.zeros(len(self.gradient))
         at = np.flatnonzero(self.moving)
-        out[at] = np.linalg.solve(self.information[np.ix_(at, at)] + damping * np.eye(len(at)), self.gradient[at])
+        out[at] = np.linalg.solve(self.information[at[:, None], at] + damping * np.eye(len(at)), self.gradient[at])
         return out
 
     @property
@@ -59,7 +59,7 @@ def add_normal_equations(
     sample, zero where it is missing; negative weights take a record away again.
     """
     J, w = jacobian.reshape(-1, len(at)), weight.ravel()
-    information[np.ix_(at, at)] += J.T @ (w[:, None] * J)
+    information[at[:, None], at] += J.T @ (w[:, None] * J)
     gradient[at] += J.T @ (w * residual.ravel())
 
 

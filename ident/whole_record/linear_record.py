@@ -61,7 +61,8 @@ def linear_record(problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: 
     at = step.samples
     seen = np.concatenate([states[at], step.seen], axis=1)
     jacobian = (reading[:, :n_x] @ by_state[:, at].reshape(n_x, -1)).reshape(m, len(seen), c)
-    jacobian[:, :, :n_p] += seen @ by_reading.transpose(1, 2, 0)
+    if np.any(by_reading):  # outputs that are states know no parameter
+        jacobian[:, :, :n_p] += seen @ by_reading.transpose(1, 2, 0)
     return reading @ seen.T, jacobian, states[::substeps].T.copy(), by_state[:, ::substeps]
 
 
