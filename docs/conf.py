@@ -82,7 +82,7 @@ contents = {
         "made/names",
         "made/api/README",
     ],
-    "results": ["papers", "phase-margin", "tracing-performance", "performance", "records/README"],
+    "results": ["papers", "phase-margin", "tracing-performance", "campaign-statistics", "performance", "records/README"],
     "records/README": ["records/*"],
     "decisions/README": ["decisions/*"],
     "made/labs/README": ["made/labs/*"],

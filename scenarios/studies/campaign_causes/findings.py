@@ -16,13 +16,14 @@ from scenarios.studies.campaign_causes.foretold import foretold_by_colour, foret
 from scenarios.studies.campaign_causes.judged import Wrong, judged_wrong
 from scenarios.studies.campaign_causes.levels import Levels, likely_levels
 from scenarios.studies.campaign_causes.residuals import Residuals, residuals_of
-from scenarios.studies.campaign_causes.trials import Trial, Trials, closest, quiet_trial
+from scenarios.studies.campaign_causes.trials import START, Trial, Trials, closest, quiet_trial
 from scenarios.studies.campaign_statistics.bound import FILTERS, Bound, bound_of
 from scenarios.studies.campaign_statistics.statistics import NORMAL, CampaignStatistics, Within, campaign_statistics, coverage_of
 
 NEAR = 0.15  # of a logarithm: as near as a foretold size of the errors has to come to theirs
 LITTLE, LARGE = 0.05, 0.3  # misfits in units of the noise: below the first none, above the second what process noise by likelihood would stand for
 GONE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
+SOME_BIAS = 0.15  # of the mean square error, from which on it is asked where a bias comes from
 OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
 PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
 
@@ -93,9 +94,10 @@ def findings_of(campaign: Campaign, statistics: CampaignStatistics, *, levels: b
         found |= {each.at: told for each in left if (told := _by_colour(each, scale, residuals, statistics)) is not None}
     rest = [each for each in wrong if each.at not in found]
     likely = likely_levels(work, seeds) if rest or levels else None
-    # Levels that make up for a misfit are no noise.
-    trials = Trials.of(campaign, likely if residuals is None or residuals.misfit <= LARGE else None, scale)
-    cured = closest(trials, [each.at for each in rest])
+    trials = Trials.of(campaign, likely, scale)
+    # What makes up for a large misfit, as process noise by likelihood does, is no cure.
+    misfits = residuals is not None and residuals.misfit > LARGE
+    cured = {} if misfits else closest(trials, [each.at for each in rest])
     colour = _strongest(residuals) if scale is not None and residuals is not None else None
     for each in rest:
         found[each.at] = _of_trial(each, cured[each.at], colour) if each.at in cured else _left(each, trials, residuals, statistics)
@@ -109,7 +111,8 @@ def _near(foretold: float, seen: float, runs: int) -> bool:
 
 def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
     """Where the prior is so much of what is stated that it foretells the errors."""
-    if bound is None:
+    # Where other things are stated, as with process noise, what is right of the bound is not right of the method.
+    if bound is None or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR:
         return None
     foretold, share = foretold_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
@@ -140,7 +143,9 @@ def _strongest(residuals: Residuals) -> float:
 
 def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
     errors, std = trial.errors[wrong.at], trial.std[wrong.at]
-    causes = trial.keys if strength is None else (COLOUR, *trial.keys)
+    # Linearisation does not keep estimates from scattering; the prior does, and counts no more where a filter starts at its own result.
+    keys = (PRIOR,) if trial.keys == (START,) and not wrong.too_small else trial.keys
+    causes = keys if strength is None else (COLOUR, *keys)
     return Finding(wrong, causes, float(np.sqrt(np.mean(std**2))), coverage_of(errors / std)[1], True, math.nan if strength is None else strength)
 
 
@@ -151,7 +156,7 @@ def _left(wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics:
     factor = float(np.quantile(np.abs(half), NORMAL[2])) / 2.0
     misfit = residuals.misfit if residuals is not None else 0.0
     cause, strength = (MODEL, misfit) if misfit > LITTLE else (OPEN, misfit)
-    if cause == OPEN and wrong.mean**2 > OF_BIAS * wrong.rms**2:
+    if cause == OPEN and wrong.mean**2 > SOME_BIAS * wrong.rms**2:
         first, quiet = trials.trial(()), quiet_trial(trials)
         if first is not None and quiet is not None and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean()):
             cause = NOISE

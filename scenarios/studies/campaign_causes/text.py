@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from rich.console import Console
@@ -118,11 +119,11 @@ def coverage_text(finding: Finding) -> str:
 
 def cause_sentences(found: Findings) -> list[str]:
     """For each set of causes the parameters it concerns, what it is, and how that was told."""
-    groups: dict[tuple[str, ...], list[Finding]] = {}
+    groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
-        groups.setdefault(each.causes, []).append(each)
-    said = {causes: "; and ".join(_SAID[cause](group, found) for cause in causes) for causes, group in groups.items()}
-    return [f"{_names(group)}, {_directions(group)}: {said[causes]}{_how(group, found)}" for causes, group in groups.items()]
+        groups.setdefault((each.causes, each.again), []).append(each)
+    said = {key: "; and ".join(_SAID[cause](group, found) for cause in key[0]) for key, group in groups.items()}
+    return [f"{_directions(group)}: {said[key]}{_how(group, found)}" for key, group in groups.items()]
 
 
 def _directions(group: list[Finding]) -> str:
@@ -132,8 +133,8 @@ def _directions(group: list[Finding]) -> str:
         factors = sorted(f.wrong.factor if small else 1.0 / max(f.wrong.factor, 1e-12) for f in group if f.wrong.too_small is small)
         if factors:
             ends = _factor(factors[0]) if _factor(factors[0]) == _factor(factors[-1]) else f"{_factor(factors[0])} to {_factor(factors[-1])}"
-            parts.append(f"{'sigmas' if len(factors) > 1 else 'sigma'} {word} by {ends}")
-    return " and ".join(parts)
+            parts.append(f"{word} by {ends}")
+    return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {' and '.join(parts)}"
 
 
 def _how(group: list[Finding], found: Findings) -> str:
@@ -163,6 +164,8 @@ def _what_is_off(found: Findings) -> str:
 
 
 def _prior(group: list[Finding], found: Findings) -> str:
+    if math.isnan(group[0].strength):
+        return "estimates lean on the prior and scatter less than stated: started again from their own result, where it counts no more, they do"
     shares = [100 * each.strength for each in group]
     share = f"{min(shares):.0f} %" if max(shares) - min(shares) < 1.0 else f"{min(shares):.0f} to {max(shares):.0f} %"
     return f"the prior gives {share} of the stated variance; the runs share its wrong mean, about which estimates neither scatter nor centre"

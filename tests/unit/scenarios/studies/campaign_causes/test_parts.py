@@ -26,7 +26,7 @@ def statistics_of(sigmas: np.ndarray) -> Any:
 
 
 def test_right_campaigns_are_called_wrong_as_seldom_as_said() -> None:
-    rng, draws = np.random.default_rng(4), 400
+    rng, draws = np.random.default_rng(4), 150
     called = [bool(judged_wrong(statistics_of(rng.standard_normal((8, 300))))) for _ in range(draws)]
     assert np.mean(called) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / draws)
 
@@ -86,13 +86,13 @@ def test_levels_agree_within_their_spread_or_for_every_purpose(assumed: float, a
 
 
 def test_a_wrong_measurement_noise_is_found_by_likelihood() -> None:
-    scenario = load_scenario("rigid", (*SHORT, "estimate.noise_std={alpha=0.0044, q=0.0011}"))
-    found = likely_levels(EstimatorRuns(scenario, scenario.estimations[0]), [task.seed for task in tasks_of(3, range(8))])
+    scenario = load_scenario("rigid", (*SHORT, "flight.rate=20", "estimate.noise_std={alpha=0.0044, q=0.0011}"))
+    found = likely_levels(EstimatorRuns(scenario, scenario.estimations[0]), [task.seed for task in tasks_of(3, range(4))])
     assert found is not None and found.estimation is not None and not found.agree
     levels = {item.name: item for item in found.items}
     for name in ("alpha", "q"):
         assert levels[name].found == pytest.approx(scenario.flight.noise_std[name], rel=5.0 * levels[name].spread)
-        assert 0.005 < levels[name].spread < 0.05 and not levels[name].agrees
+        assert 0.02 < levels[name].spread < 0.1 and not levels[name].agrees
     assert levels[STATES].found == 0.0 and found.estimation.process_noise == {}
 
 

@@ -46,6 +46,7 @@ def test_coarse_steps_are_told_by_finer_ones() -> None:
     assert any("too small" in sentence and "integration is too coarse" in sentence for sentence in cause_sentences(found))
 
 
+@pytest.mark.slow
 def test_a_start_far_off_is_told_by_starting_again() -> None:
     found = judge(campaign("ballistic", 150, "flight.duration=20 s", "flight.rate=5", method="paper-start-rk4")).findings
     told(found, START)
@@ -90,6 +91,7 @@ def test_a_rigid_model_on_flexible_data_is_told_by_its_misfit() -> None:
     assert found.misfits and "cannot follow" in cause_sentences(found)[0]
 
 
+@pytest.mark.slow
 def test_process_noise_where_none_acts_is_told_by_likelihood() -> None:
     wrong = "estimate.process_noise={alpha=1e-5, q=1e-5}"
     found = judge(campaign("rigid", 120, *SHORT, wrong)).findings

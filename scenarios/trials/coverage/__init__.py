@@ -1,0 +1,1 @@
+"""Campaigns of every scenario that has parameters to estimate: writes `docs/campaign-statistics.md`."""
