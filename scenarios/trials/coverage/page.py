@@ -20,9 +20,10 @@ interval of two reported sigmas holds the reference, its exact 95 % interval. Wh
 |---|---|
 {counts}
 
-Of the sigmas called wrong {inside} have a coverage within these bounds: many runs tell small things. Not identifiable is a parameter of whose stated
-variance the prior gives more than {prior:.0f} %: over runs with the same prior it does not scatter as it states. "Not told" are those whose coverage
-lies outside, but whose interval holds the 95.4 % of a normal distribution: the runs are too few to call the sigma wrong. The page is written by
+Sigmas called wrong though their coverage lies within these bounds, for many runs tell small things: {inside}. Not identifiable is a parameter
+of whose stated variance the prior gives more than {prior:.0f} %: over runs with the same prior it does not scatter as it states. "Not told" are those
+whose coverage lies outside, but whose interval holds the 95.4 % of a normal distribution where it is widened so that one right campaign in
+twenty is suspected of anything: the runs are too few to call the sigma wrong. The page is written by
 [scenarios/trials/coverage](../scenarios/trials/coverage/README.md); its numbers lie beside it as JSON.
 """
 COLUMNS = "| parameter | within 2σ | 95 % interval | judged |\n|---|---|---|---|\n"

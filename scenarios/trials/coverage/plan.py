@@ -33,7 +33,7 @@ RUNS: dict[tuple[str, str], int] = {
     ("longitudinal", "main"): 300,
     ("own-model", "main"): 1000,
     ("own-model", "filter"): 1000,
-    ("unstable", "main"): 500,
-    ("unstable", "filter"): 500,
+    ("unstable", "main"): 200,
+    ("unstable", "filter"): 200,
     ("unstable", "regression"): 200,
 }
