@@ -71,7 +71,6 @@ def test_flights_lead_to_their_own_pages_where_there_are_any(found: Survey, camp
     (campaign.out / "flights" / "F03" / "report.html").write_text("its page")
     write_survey(found, campaign.out, figures=())
     page = (campaign.out / "report.html").read_text()
-    assert page.count("<a href") - page.count('<a href="#') == 0 or 'href="flights/F03/report.html"' in page
     assert 'href="flights/F03/report.html"' in page
     assert 'href="flights/F02/report.html"' not in page
     again = campaign.folder / "elsewhere"
