@@ -14,7 +14,7 @@ from scenarios.trials.marks.marked import Marked, Standing
 from scenarios.trials.marks.probabilities import reliability_of
 from scenarios.trials.marks.rates import Marks, right_share, standings
 
-CONFUSED = "What was concluded (along) of what was hidden (up the side), % of its flights"
+CONFUSED = "What was concluded (along) of what was hidden (up), % of its flights"
 
 
 def marks_figures(marks: Marks, name: str) -> list[Named]:
