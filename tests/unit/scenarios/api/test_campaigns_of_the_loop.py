@@ -51,6 +51,7 @@ def test_tables_of_a_campaign_say_what_its_rows_do(falls: fid.CampaignOfTheLoop)
     assert "answered right" in repr(falls) and "<table>" in falls._repr_html_()
 
 
+@pytest.mark.slow
 def test_python_prints_and_writes_what_the_command_does(falls: fid.CampaignOfTheLoop, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     printed = CommandLine(capsys).done(
         "campaign", "trace-density", "--runs", 2, "--jobs", 1, "--set", *COARSE, "--no-figures", "--out", tmp_path / "command"
