@@ -34,7 +34,8 @@ def jobs(pace: Pace, folder: Path, say: Callable[[str], None]) -> Table:
         study = f"campaign {name} --runs {runs}"
         rows.append((f"`{study}`", *(seconds(quartiles(found[count]).median) for count in found), times(gain)))
         data[study] = {"seconds": {str(count): values for count, values in found.items()}, "gain": gain._asdict()}
-    about = "Whole processes with one thread each, start included, on the cores named above."
+    about = """Whole processes with one thread each, start included, on the cores named above.
+    Two jobs need both cores: where the load before is not near zero, other work had them, and this table says little."""
     return Table("One job and two", about, ("study", "one job", "two jobs", "times faster"), tuple(rows), data)
 
 
