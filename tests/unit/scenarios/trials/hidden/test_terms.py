@@ -15,6 +15,7 @@ from sim.declaration.effect import Station, full_name
 from sim.declaration.model import Model, Noise
 from sim.effects.library import applies
 from sim.maneuvers.steps import doublet
+from sim.propagation.integrate import rk4_step
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set
@@ -40,7 +41,7 @@ def motion(model: Model, duration: float = 2.0, step: float = 0.02) -> dict[str,
     size = 0.05 if control[:1] == ["elevator"] else 2.0
     time = sample_times(50.0, duration)
     moved = {control[0]: doublet(size, 0.8, 0.5)} if control else None
-    _, truth = fly(model.with_initial(start).with_noise(Noise()), moved, time, np.random.default_rng(0), step=step)
+    _, truth = fly(model.with_initial(start).with_noise(Noise()), moved, time, np.random.default_rng(0), step=step, method=rk4_step)
     return {"time": time, **truth.outputs, **{f"state {key}": row for key, row in truth.states.items()}}
 
 
