@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,3 +51,13 @@ def ballistic_start(beta: float = 1600.0) -> Model:
     model = ballistic_model().with_values({"beta": beta})
     initial = ParameterSet((Parameter("altitude", 60960.0, "m", prior_std=50.0), Parameter("velocity", -1828.8, "m/s", prior_std=10.0)))
     return model.with_parameters(model.parameters.with_prior({"beta": 800.0})).with_initial(initial)
+
+
+def with_losses(record: Record) -> Record:
+    """A third of the samples of each channel missing, and ten samples of all."""
+    rng, outputs = np.random.default_rng(7), []
+    for channel in record.outputs:
+        values = np.where(rng.random(len(record)) < 0.3, np.nan, channel.values)
+        values[40:50] = np.nan
+        outputs.append(Channel.of(channel.name, channel.unit, values))
+    return replace(record, outputs=tuple(outputs))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ident.statistics.chi_square import mean_square_interval
 from scenarios.plots.display import plain, symbol
 from scenarios.plots.style import BLACK, BLUE, GREY, LABEL_SIZE, LIGHT, TRUE, VERMILION, caption, finish, make_sheet, method_style, text_width
 
@@ -90,10 +91,10 @@ def figure_squares(panels: Sequence[SquaresPanel], title: str = "") -> Figure:
 
 
 def _squares(panel: Axes, shown: SquaresPanel) -> None:
-    from scipy.special import gammaincinv, gammaln
+    from scipy.special import gammaln
 
     half = 0.5 * shown.degrees
-    low, high = (float(gammaincinv(half, share)) / half for share in (0.025, 0.975))
+    low, high = mean_square_interval(shown.degrees)
     usual = float(np.quantile(shown.values, 0.98))
     end = max(high + 0.35 * (high - low), min(1.15 * usual, 12.0 * high))
     begin = max(0.0, min(low - 0.35 * (high - low), float(np.quantile(shown.values, 0.02)) - 0.1 * (high - low)))

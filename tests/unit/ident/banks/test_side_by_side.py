@@ -18,27 +18,17 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.system import System
 from sim.effects.input_path.input_delay import InputDelay
-from sim.record import Channel, Record
+from sim.record import Record
 from tests import loes_problem
 from tests.linear_problem import oscillator, record_of
-from tests.rigid_problem import TRUE, rigid_record, rigid_start
+from tests.rigid_problem import TRUE, rigid_record, rigid_start, with_losses
 
 RUNS = 5
 
 
-def with_gaps(record: Record) -> Record:
-    """A third of the samples of each channel missing, and ten samples of all."""
-    rng, outputs = np.random.default_rng(7), []
-    for channel in record.outputs:
-        values = np.where(rng.random(len(record)) < 0.3, np.nan, channel.values)
-        values[40:50] = np.nan
-        outputs.append(Channel.of(channel.name, channel.unit, values))
-    return replace(record, outputs=tuple(outputs))
-
-
 def rigid(*, gaps: bool = False) -> Record:
     record = rigid_record(np.random.default_rng(1), 4.0, 25.0)
-    return with_gaps(record) if gaps else record
+    return with_losses(record) if gaps else record
 
 
 def noisy(**density: float) -> Model:

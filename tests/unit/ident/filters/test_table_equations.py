@@ -20,20 +20,10 @@ from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.propagation.integrate import euler_step
-from sim.record import Channel, Hold, Record
+from sim.record import Hold, Record
 from tests import loes_problem
 from tests.linear_problem import oscillator, record_of
-from tests.rigid_problem import UNSTABLE, rigid_record, rigid_start
-
-
-def with_losses(record: Record) -> Record:
-    """A third of the samples of each channel missing, and ten samples of all."""
-    rng, outputs = np.random.default_rng(7), []
-    for channel in record.outputs:
-        values = np.where(rng.random(len(record)) < 0.3, np.nan, channel.values)
-        values[40:50] = np.nan
-        outputs.append(Channel.of(channel.name, channel.unit, values))
-    return replace(record, outputs=tuple(outputs))
+from tests.rigid_problem import UNSTABLE, rigid_record, rigid_start, with_losses
 
 
 def held(model: Model, prefix: str) -> Model:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.unit.scenarios.tasks.process_tree import below
+
 ROOT = Path(__file__).parents[4]
 PATIENCE = 60.0  # s until a process must have begun
 
@@ -75,20 +77,6 @@ class Cluster:
         with open(self.folder / f"{self._count}-{command}.log", "wb") as log:
             arguments = [sys.executable, "-m", f"distributed.cli.{command}", *options, "--dashboard-address", "127.0.0.1:0"]
             return subprocess.Popen(arguments, cwd=self.folder, env=environment, stdout=log, stderr=subprocess.STDOUT)
-
-
-def below(process: int) -> list[int]:
-    """Processes under one, at any depth."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = entry.read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        if int(fields[1]) == process:
-            child = int(entry.parent.name)
-            found += [child, *below(child)]
-    return found
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from scenarios.tasks import shards
 from scenarios.tasks.rows import Table
 from scenarios.tasks.study import Asked, run_study
 from sim.errors import FlightidError
+from tests.unit.scenarios.tasks.process_tree import below
 from tests.unit.scenarios.tasks.test_study import same
 from tests.unit.scenarios.tasks.toy import Toy
 
@@ -60,25 +61,11 @@ def _resumed(folder: Path) -> Table:
     return run_study(dataclasses.replace(WORK, pause=0.0), dataclasses.replace(ASKED, folder=folder, resume=resume))
 
 
-def _below(process: int) -> list[int]:
-    """Processes under one, at any depth."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = entry.read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        if int(fields[1]) == process:
-            child = int(entry.parent.name)
-            found += [child, *_below(child)]
-    return found
-
-
 @pytest.mark.parametrize("moment", range(MOMENTS))
 def test_the_study_is_killed(moment: int, tmp_path: Path, whole: Table) -> None:
     process = _begun(tmp_path / "kept")
     time.sleep(random.Random(moment).uniform(0.0, 2.0))
-    workers = _below(process.pid)
+    workers = below(process.pid)
     process.kill()
     process.wait()
     until = time.monotonic() + 5.0
@@ -94,7 +81,7 @@ def test_a_process_of_it_is_killed(moment: int, tmp_path: Path, whole: Table) ->
     draw = random.Random(100 + moment)
     time.sleep(draw.uniform(0.3, 1.6))
     # The server of processes, its tracker and the workers: whichever it is, the table must be whole in the end.
-    workers = _below(process.pid)
+    workers = below(process.pid)
     if workers:
         os.kill(draw.choice(workers), signal.SIGKILL)
     try:
