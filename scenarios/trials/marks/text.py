@@ -21,7 +21,7 @@ from scenarios.trials.marks.tables import (
     said_rows,
 )
 
-RIGHT = "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous verdict, and nothing else is"
+RIGHT = "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous verdict, and nothing that does not act"
 CONCLUDED = "what was concluded in place of what was hidden"
 NAMES = "names by the probability that they were given, alternatives among them"
 PARAMETERS = "parameters of effects that are named right, within so many reported sigmas of the truth; 68, 95 and 99.7 % where sigmas are right"

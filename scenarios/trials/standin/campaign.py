@@ -61,7 +61,7 @@ def judge_flight(standin: StandIn, seed: int, progress: Progress = lambda stage,
 def marked_of(study: StandInStudy) -> Marked:
     """The same flight for the statistics that all campaigns of the loop have in common; a small cause that acts is no false name.
 
-    It is right where what dominates is named and nothing else claimed, and where nothing does, if nothing is claimed.
+    It is right where what dominates is named and nothing claimed that does not act.
     """
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset().union(*(same_fault(name) for name, _ in study.named))
@@ -74,7 +74,7 @@ def marked_of(study: StandInStudy) -> Marked:
         d.verdict.value,
         outcome_of(d.verdict.value, claims),
         tuple(claim.name for claim in claims),
-        not (missed or study.false or study.small),
+        not (missed or study.false),
         study.false,
         stated_by(claims, frozenset(map(plain_name, {*right, *acting}))),
         parameter_errors(claims, truth),
