@@ -87,6 +87,11 @@ def per(unit: str) -> str:
     return f"1/({unit})" if "/" in unit or " " in unit else f"1/{unit}"
 
 
+def per_square(unit: str) -> str:
+    """One over the square of a unit."""
+    return f"1/({unit})/({unit})" if "/" in unit or " " in unit else f"1/{unit}2"
+
+
 def load_ports(equations: Equations) -> tuple[Signal, ...]:
     """Ports that take loads."""
     return tuple(port for port in equations.ports if port.name not in AIR)

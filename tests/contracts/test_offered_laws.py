@@ -15,6 +15,7 @@ from sim.declaration.model import Containing, Equations
 from sim.declaration.proposal import Fitted, SearchContext, Traceable
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.library import effects_for, guards_for
 from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.short_period import ShortPeriod
@@ -26,13 +27,14 @@ ON_INPUTS = {
 }
 BESIDE_A_LAG = {"actuator-rate-limit", "actuator-saturation", "input-backlash", "input-deadband"}
 ON_OUTPUTS = {f"sensor-{what}" for what in ("curve", "delay", "drift", "hold", "lag", "scale", "spikes", "step")}
-FORMS = ("lasting", "weight")  # what the forms of one effect may differ in; a freer form comes from ``finer``
+FORMS = ("lasting", "weight", "bends")  # what the forms of one effect may differ in; a freer form comes from ``finer``
+CONTROLS = {ControlNonlinearity, ControlUnevenness, ControlWeakening}
 every_vehicle = pytest.mark.parametrize("vehicle", ALL_VEHICLES, ids=lambda vehicle: vehicle.name)
 
 
 def are_forms_of_one(one: Effect, other: Effect) -> bool:
-    """Whether two effects of one name are the same cause: lasting or not, or a control that is uneven or curved."""
-    if {type(one), type(other)} == {ControlNonlinearity, ControlUnevenness}:
+    """Whether two effects of one name are the same cause: lasting or not, a square or a cube, a control that is uneven, weakens or is curved."""
+    if type(one) is not type(other) and {type(one), type(other)} <= CONTROLS:
         return all(getattr(one, name) == getattr(other, name) for name in ("control", "ports", "moment_by", "lift_by"))
     differing = [field.name for field in fields(one) if getattr(one, field.name) != getattr(other, field.name)]  # type: ignore[arg-type]
     return type(one) is type(other) and len(differing) == 1 and differing[0] in FORMS
@@ -66,7 +68,7 @@ def test_every_output_has_its_instances(vehicle: Equations) -> None:
     # A body that is only tracked falls on a curve that a bent reading cannot be told from.
     stems = ON_OUTPUTS - ({"sensor-curve"} if isinstance(vehicle, Ballistic) else set())
     for signal in vehicle.outputs:
-        assert all(names.count(f"{each}:{signal.name}") == 1 for each in stems)
+        assert all(names.count(f"{each}:{signal.name}") == (2 if each == "sensor-curve" else 1) for each in stems)  # a square and a cube
     assert ("vane-offset" in names) == any(signal.name in ("alpha", "beta") for signal in vehicle.outputs)
     for channel in ("nz", "ny", "nx"):
         assert (f"accelerometer-offset:{channel}" in names) == any(signal.name == channel for signal in vehicle.outputs)

@@ -86,6 +86,9 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
     if lasts is not None and lasts.value < thresholds.SHORTEST_EVENT * interval:
         told = f"what fits best is {effect.name} of {lasts.value:.2g} s, no longer than two samples: the recorder did that, and no force"
         return Caution(Concern.BEYOND_BELIEF, told)
+    if lasts is not None and lasts.value - thresholds.BEYOND_ITS_SCATTER * lasts.std < thresholds.SHORTEST_EVENT * interval:
+        told = f"what fits best is {effect.name} of {_number(lasts)}, which may be no longer than two samples: rows that the recorder lost do as much"
+        return Caution(Concern.UNDETERMINED, told)
     beyond, open_, fast = implausible(effect, found, slack=0.0), undetermined(effect, found), too_fast(effect, found, interval)
     if beyond or fast:
         words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"

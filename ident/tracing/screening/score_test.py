@@ -18,13 +18,15 @@ from ident.estimate import counted_numerics
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
-from ident.tracing.screening.places import Whitened, added_by, closer_places, places_of, weigh, whitened
+from ident.tracing.screening.places import Weighed, Whitened, added_by, closer_places, places_of, weigh, whitened
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.effect import Station, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.declaration.system import System
 from sim.errors import ModelError
+
+Start = tuple[float, Mapping[str, float], Weighed]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ def _find(
     except ModelError:
         return None
     apart, onset = belongs_to_record(effect) and len(white.rows) > 1, effect.traits.onset
-    results = []
+    results: list[Start] = []
     spans = white.rows if apart else (slice(None),)
     for probe, parts in zip(probes, signatures, strict=True):
         tried = [weigh(fitted, parts, white, spans, places_of(fitted, probe, onset))]
@@ -131,15 +133,33 @@ def _find(
     if not results:
         return None
     results.sort(key=lambda result: -result[0])
+    results = _resonances_first(effect, results)
     distinct: list[tuple[float, Mapping[str, float], np.ndarray]] = []
-    for gain, start, here in results:
+    for gain, begun, here in results:
         added = added_by(white, here)
         if all(_differs(added, other[2]) for other in distinct):
-            distinct.append((gain, start, added))
+            distinct.append((gain, begun, added))
         if len(distinct) == most:
             break
     count = sum(1 for item in effect.parameters if item.free) * (len(white.rows) if apart else 1)
-    return Finding(effect, distinct[0][0], count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
+    return Finding(effect, max(result[0] for result in distinct), count, tuple(r[1] for r in distinct), tuple(r[0] for r in distinct), distinct[0][2])
+
+
+def _resonances_first(effect: Traceable, results: list[Start]) -> list[Start]:
+    """The places of an oscillation at which its gain stands out over the frequencies tried, the most prominent first, then all others.
+
+    Where it hardly oscillates it promises what a delay or other derivatives would bring, at one frequency as at the next.
+    """
+    if not effect.traits.oscillates:
+        return results
+    from scipy.signal import find_peaks
+
+    name = full_name(effect, effect.traits.oscillates[0])
+    over = sorted(results, key=lambda result: result[1][name])
+    peaks, told = find_peaks([result[0] for result in over], prominence=0.0)
+    first = [over[place] for place in peaks[np.argsort(-told["prominences"], kind="stable")]]
+    known = {id(result) for result in first}
+    return [*first, *(result for result in results if id(result) not in known)]
 
 
 def _signatures(fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]) -> list[list[np.ndarray]]:

@@ -6,8 +6,10 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
+from ident.tracing.selection.event_times import in_freer_form
 from ident.tracing.selection.expansion import expand
 from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.selection.plain_forms import in_plain_form
 from sim.declaration.proposal import Refinable, Traceable
 
 
@@ -87,8 +89,9 @@ def refined(ledger: Ledger, fitted: FittedModel) -> tuple[Ledger, FittedModel]:
         return ledger, fitted
     ledger, again = fit(ledger, fitted.effects, fitted)
     best = again if again is not None and again.fit.cost <= fitted.fit.cost + 1e-6 else fitted
-    ledger = ledger.replaced(best, ledger.score(fitted) - 2.0 * (fitted.fit.cost - best.fit.cost))
-    return freer_form(ledger, best, least=0.0)
+    ledger, plain = in_plain_form(ledger, best)
+    ledger = ledger.replaced(plain, ledger.score(fitted) - (fitted.criterion - plain.criterion))
+    return freer_form(ledger, plain, least=0.0)
 
 
 def freer_form(ledger: Ledger, fitted: FittedModel, least: float = thresholds.COLOURED) -> tuple[Ledger, FittedModel]:
@@ -103,9 +106,14 @@ def freer_form(ledger: Ledger, fitted: FittedModel, least: float = thresholds.CO
     for position, effect in enumerate(fitted.effects):
         if not isinstance(effect, Refinable):
             continue
-        ledger, finer = fit(ledger, (*best.effects[:position], effect.finer(), *best.effects[position + 1 :]), best)
+        ledger, finer = in_freer_form(ledger, best, position)
         if finer is not None and (brought := gain(best, finer, accept)) > accept:
             score -= brought
             ledger = ledger.told(Step(finer.names, score, finer.fit.log_likelihood, f"a freer form of {effect.name} brings {brought:.1f}"))
             best = finer
+    if best is not fitted:
+        ledger, plain = in_plain_form(ledger, best)
+        score, best = score - (best.criterion - plain.criterion), plain
+    if best is not fitted and not is_white(best):
+        ledger = ledger.made_freer(fitted)
     return ledger.replaced(best, score), best

@@ -16,8 +16,10 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear, screen
 from ident.tracing.selection.background import with_background
 from ident.tracing.selection.criterion import gain, is_white
+from ident.tracing.selection.event_times import placed_better
 from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.selection.limits import limits_from_declared_values
+from ident.tracing.selection.plain_forms import child_in_plain_form
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Curve, Traceable
 
@@ -154,7 +156,8 @@ def _fit_promising(ledger: Ledger, fitted: FittedModel, findings: Sequence[Findi
             worth = worth and (finding.gain > thresholds.RIVAL * most or collinear(finding, explained) > thresholds.COLLINEAR)
         if not worth or len(children) >= limit or ledger.exhausted or _spoken_for(findings, children, finding):
             continue
-        ledger, child = best_fit(ledger, fitted, finding, starts)
+        # Of an oscillation one place is a peak over frequency, the next may be where it hardly oscillates.
+        ledger, child = best_fit(ledger, fitted, finding, max(starts, thresholds.PLACES_OF_A_MODE) if finding.effect.traits.oscillates else starts)
         if child is not None:
             children[place] = child
             most = max(most, fitted.fit.cost - child.fit.cost)
@@ -206,7 +209,8 @@ def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Trac
     """
     accept, parent = ledger.problem.settings.accept, fitted
     if exactly:
-        ledger, child = _placed_better(ledger, child, effect)
+        ledger, child = placed_better(ledger, child, effect)
+        ledger, child = child_in_plain_form(ledger, fitted, child)
         ledger, parent = _from_child(ledger, fitted, child)
     lowered = gain(parent, child, accept)
     if lowered <= accept:
@@ -215,22 +219,6 @@ def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Trac
     sentence = f"{effect.name} lowers the criterion by {lowered:.1f}"
     ledger = ledger.told(Step(child.names, ledger.score(child), child.fit.log_likelihood, sentence))
     return ledger, ledger.known(child)
-
-
-def _placed_better(ledger: Ledger, child: FittedModel, effect: Traceable) -> tuple[Ledger, FittedModel]:
-    """An event moved a little to both sides: its time has local optima where the motion has died out."""
-    if not is_event(effect):
-        return ledger, child
-    name = full_name(effect, effect.traits.onset)
-    values = child.values
-    at = values.own[0].get(name, values.shared.get(name))
-    if at is None:
-        return ledger, child
-    for shift in thresholds.EVENT_SHIFTS:
-        ledger, moved = fit(ledger, child.effects, child, {name: at + shift}, rough=True)
-        if moved is not None and moved.fit.cost < child.fit.cost - thresholds.BETTER_PLACE:
-            child = moved
-    return ledger, child
 
 
 def _from_child(ledger: Ledger, fitted: FittedModel, child: FittedModel) -> tuple[Ledger, FittedModel]:

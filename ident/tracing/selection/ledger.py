@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, free_names
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Candidate, Step
 from sim.declaration.proposal import Traceable
@@ -20,6 +20,7 @@ SMALL_FIT = 100.0  # iterations times unknowns
 USUAL_LENGTH = 1500.0  # samples of a record whose fits count once
 
 Key = frozenset[str]
+Form = tuple[str, frozenset[str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +28,16 @@ class Ledger:
     """Fitted models by the names of their effects, each with its score, and how the search came to them.
 
     The score of the declared model is its criterion; that of any other is its parent's less what the addition brought (``criterion.gain``).
-    ``expanded`` : sets that were extended already. ``evidence`` : all candidates that were looked at, in order. ``ran_out`` : the means of an
-    earlier stage were spent.
+    ``plain`` : of sets that stand in a freer form and still leave more than noise, the plain one. ``freed`` : freer effects and their plain
+    forms, by name and free parameters. ``expanded`` : sets that were extended already. ``evidence`` : all candidates that were looked at, in
+    order. ``ran_out`` : the means of an earlier stage were spent.
     """
 
     problem: TraceProblem
     models: Mapping[Key, FittedModel] = field(default_factory=dict)
     scores: Mapping[Key, float] = field(default_factory=dict)
+    plain: Mapping[Key, FittedModel] = field(default_factory=dict)
+    freed: Mapping[Form, Traceable] = field(default_factory=dict)
     expanded: frozenset[Key] = frozenset()
     steps: tuple[Step, ...] = ()
     evidence: tuple[Candidate, ...] = ()
@@ -67,9 +71,14 @@ class Ledger:
         return self.models[frozenset(fitted.names)]
 
     def kept(self, fitted: FittedModel, score: float) -> Ledger:
-        """With a fitted model, unless a better one of its set is there."""
+        """With a fitted model, unless one of its set with a lower criterion is there; a set keeps the lowest score that any of its models had.
+
+        Scores charge unevenness by what each model leaves: they say whether to add, and not which of two forms of one set fits better.
+        """
         key = frozenset(fitted.names)
-        return self if key in self.models and score >= self.scores[key] else self.replaced(fitted, score)
+        if key not in self.models:
+            return self.replaced(fitted, score)
+        return self if fitted.criterion >= self.models[key].criterion else self.replaced(fitted, min(score, self.scores[key]))
 
     def replaced(self, fitted: FittedModel, score: float) -> Ledger:
         """With a fitted model in the place of any other of its set.
@@ -83,6 +92,18 @@ class Ledger:
         key = frozenset(fitted.names)
         return replace(self, models={**self.models, key: fitted}, scores={**self.scores, key: score})
 
+    def made_freer(self, plain: FittedModel) -> Ledger:
+        """With the plain form of a set kept beside the freer one that takes its place."""
+        return replace(self, plain={**self.plain, frozenset(plain.names): plain})
+
+    def knows_plain(self, plain: Traceable, finer: Traceable) -> Ledger:
+        """With the plain form of an effect known."""
+        return replace(self, freed={**self.freed, _form(finer): plain})
+
+    def plain_form(self, effect: Traceable) -> Traceable:
+        """The form from which an effect was made freer; itself where it was not."""
+        return self.freed.get(_form(effect), effect)
+
     def marked(self, key: Key) -> Ledger:
         """With a set marked as extended."""
         return replace(self, expanded=self.expanded | {key})
@@ -90,6 +111,10 @@ class Ledger:
     def told(self, *steps: Step, evidence: Sequence[Candidate] = ()) -> Ledger:
         """With further steps and evidence."""
         return replace(self, steps=(*self.steps, *steps), evidence=(*self.evidence, *evidence))
+
+
+def _form(effect: Traceable) -> Form:
+    return effect.name, frozenset(free_names(effect))
 
 
 def fit(

@@ -18,6 +18,7 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.backward import fitted_without
 from ident.tracing.selection.criterion import gain
+from ident.tracing.selection.event_times import in_freer_form
 from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.ledger import Ledger, fit
 from sim.declaration.effect import NoiseEffect
@@ -157,6 +158,6 @@ def _freely(ledger: Ledger, child: FittedModel | None, best: FittedModel, effect
     """The child, in its freer form where the plain one is not quite as good as the set that it would replace."""
     if child is None or not isinstance(effect, Refinable) or child.fit.cost <= best.fit.cost:
         return ledger, child
-    ledger, finer = fit(ledger, (*child.effects[:-1], effect.finer()), child)
+    ledger, finer = in_freer_form(ledger, child, len(child.effects) - 1)
     accept = ledger.problem.settings.accept
     return ledger, finer if finer is not None and gain(child, finer, accept) > accept else child

@@ -12,29 +12,33 @@ from sim.declaration.model import Equations
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
-from sim.effects.instances import further_outputs, large_output, per
+from sim.effects.instances import further_outputs, large_output, per, per_square
 
 _ALIASES = {
     **{"alpha": ("lift-nonlinearity",), "nz": ("lift-nonlinearity",), "q": ("moment-nonlinearity",)},
     **{"p": ("roll-nonlinearity",), "r": ("yaw-nonlinearity",), "ny": ("side-force-nonlinearity",), "nx": ("drag-nonlinearity",)},
 }
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}  # rad, rad/s, g about trim: what a record without a known range is taken to fly
+POWERS: Mapping[str, int] = MappingProxyType({"curvature": 2, "cubic": 3})
+BOTH = tuple(POWERS)
+AT_HALF = 2.0  # a cube starts where it is as large as the square at half of the range
 WITH_OTHERS = "a record with the other two of alpha, q and nz: a bent load moves all three by the kinematics, a bent reading one"
 
 
 @dataclass(frozen=True)
 class SensorCurve:
-    """The recorded channel is y + curvature y^2, y the true value about trim, before the bias is added.
+    """The recorded channel is y + curvature y^2 + cubic y^3, y the true value about trim, before the bias is added.
 
-    ``curvature`` in 1 over the unit of the channel, either sign.
+    ``curvature`` in 1 over the unit of the channel, ``cubic`` in 1 over its square, of either sign; a plain curve has one of the two.
 
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting curvature.
     middle : of the readings, from where y counts; zero where they are perturbations. is_state : whether the channel
         is a state, whose range is known without its bias.
+    bends : which of the two it has.
     low, high : flown range about trim, in the unit of the channel: believed is what leaves the reading rising all over it,
-        1 + 2 curvature y > 0.
+        1 + 2 curvature y + 3 cubic y^2 > 0 where either stands alone, and at its ends no more than twice what it should be.
     """
 
     channel: str
@@ -44,15 +48,16 @@ class SensorCurve:
     high: float
     middle: float = 0.0
     is_state: bool = False
+    bends: tuple[str, ...] = ("curvature",)
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 5
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"curvature": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
         "The sensor's calibration is not straight: y_recorded = y + curvature y^2 + bias, y counted from trim, where the slope is one. A vane near "
         "a fuselage whose upwash changes with the angle, a potentiometer loaded at one end and a filter of pressures do this. Pull-ups and "
-        "push-overs of one size then read unlike. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is bent; lift or moment "
+        "push-overs of one size then read unlike. A sensor that errs alike to both sides has cubic y^3 in the place of the square, and a freer form "
+        "has both. The kinematics alpha_dot = q - (g/V) nz show it in the one channel that is bent; lift or moment "
         "that bend over the angle of attack change the motion itself and obey the kinematics. With one channel alone the two look much the same."
     )
 
@@ -65,19 +70,41 @@ class SensorCurve:
         return _ALIASES.get(self.channel, ())
 
     @property
+    def absent(self) -> Mapping[str, float]:
+        return dict.fromkeys(self.bends, 0.0)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("curvature", self.typical, per(self.unit)),)
+        reach = max(self.high, -self.low, 1e-6)
+        both = {
+            "curvature": Parameter("curvature", self.typical, per(self.unit)),
+            "cubic": Parameter("cubic", AT_HALF * self.typical / reach, per_square(self.unit)),
+        }
+        return tuple(both[name] for name in self.bends)
 
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("the reading of the {channel} is bent: it has {curvature} times its square too much",),
+            sentences=(
+                "the reading of the {channel} is bent: it has {curvature} times its square and {cubic} times its cube too much",
+                "the reading of the {channel} is bent: it has {curvature} times its square too much",
+                "the reading of the {channel} is bent: it has {cubic} times its cube too much",
+            ),
             separating=dict.fromkeys(("lift-nonlinearity", "moment-nonlinearity"), WITH_OTHERS),
-            plausible={"curvature": (-0.5 / max(self.high, 1e-6), -0.5 / min(self.low, -1e-6))},
+            plausible={name: range_ for name, range_ in self._believed().items() if name in self.bends},
         )
 
+    def _believed(self) -> Mapping[str, tuple[float, float]]:
+        up, down = max(self.high, 1e-6), min(self.low, -1e-6)
+        reach = max(up, -down)
+        return {"curvature": (-0.5 / up, -0.5 / down), "cubic": (-1.0 / (3.0 * reach**2), 1.0 / reach**2)}
+
+    def finer(self) -> SensorCurve:
+        """The same with square and cube."""
+        return replace(self, bends=BOTH)
+
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"curvature": 0.0}, ("curvature",))]
+        return [Probe(self.absent, self.bends)]
 
     def fitted_to(self, context: SearchContext) -> SensorCurve:
         """The same over the range that the record flew, its bias taken off."""
@@ -96,18 +123,26 @@ class SensorCurve:
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         true = y[self.channel]
         off = true - self.middle if self.middle else true
-        return {self.channel: true + p.curvature * off * off}
+        bent = sum(getattr(p, name) * off**power for name, power in POWERS.items() if name in self.bends)
+        return {self.channel: true + bent}
 
 
-VARIANTS: tuple[Traceable, ...] = (
+_PLAIN = (
     SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"], is_state=True),
     SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"], is_state=True),
     SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
 )
 
 
+def _square_or_cube(plain: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
+    return tuple(replace(each, bends=(name,)) for each in plain for name in BOTH)
+
+
+VARIANTS: tuple[Traceable, ...] = _square_or_cube(_PLAIN)
+
+
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
+    """A square and a cube for each output that has none yet."""
     states = {signal.name for signal in equations.states}
     sized = ((each, large_output(each.unit)) for each in further_outputs(equations))
-    return tuple(SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states) for each, large in sized)
+    return _square_or_cube([SensorCurve(each.name, each.unit, 0.2 / large, -large, large, is_state=each.name in states) for each, large in sized])

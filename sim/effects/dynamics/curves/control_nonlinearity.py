@@ -150,7 +150,7 @@ def _lateral(c: LateralControl) -> ControlNonlinearity:
     )
 
 
-# The plainer form, a kink at trim, is in control_unevenness.py, under the same name.
+# Plainer forms are in control_unevenness.py and control_weakening.py, under the same name.
 VARIANTS: tuple[Traceable, ...] = (
     ControlNonlinearity(),
     ControlNonlinearity(low=-1.0, high=1.0, control="delta", unit="1", size=0.1, moment_by="M_delta", lift_by="L_delta", share_free=False),

@@ -105,6 +105,13 @@ def test_an_event_no_longer_than_two_samples_is_the_recorders(fitted: FittedMode
     assert (why is None or "the recorder did that" not in why.sentence) is stands
 
 
+@pytest.mark.parametrize(("std", "stands"), [(0.1, True), (0.2, False)])
+def test_an_event_that_may_be_no_longer_than_two_samples_may_be_rows_that_were_lost(fitted: FittedModel, std: float, stands: bool) -> None:
+    """States that go on from elsewhere, as where rows are lost, are a load without length."""
+    why = why_not(UnmeasuredInput(), told(start=(4.0, 0.01, "s"), duration=(0.4, std, "s"), moment=(0.01, 0.001, "1")), fitted)
+    assert (why is None or "rows that the recorder lost" not in why.sentence) is stands
+
+
 @pytest.mark.parametrize(("size", "lost"), [(-1140.0, 0.6), (-100.0, 0.0), (1140.0, 0.0)], ids=["with the motion", "a few metres", "against it"])
 def test_a_jump_of_the_only_output_as_far_as_the_motion_goes_may_be_rows_that_were_lost(size: float, lost: float) -> None:
     """A body that falls at 1900 m/s, recorded ten times a second."""

@@ -14,13 +14,14 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.screening.context import search_context
-from ident.tracing.screening.score_test import Finding, collinear, screen
+from ident.tracing.screening.score_test import Finding, _resonances_first, collinear, screen
 from ident.tracing.screening.score_test import _start as start_of
 from sim.declaration.effect import Regularity, Signal, Station
 from sim.declaration.parameters import Parameter
 from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
+from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.library import find_effect
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_hold import SensorHold
@@ -261,3 +262,12 @@ def test_a_value_that_is_tried_is_a_start_only_where_its_signature_is_there_as_i
     assert start_of(SensorDelay("q"), probe, np.array([0.8])) == {"sensor-delay:q.delay": 0.05}
     assert start_of(SensorDelay("q"), probe, np.array([-0.8])) is None
     assert start_of(SensorDelay("q"), probe, np.array([0.0])) is None
+
+
+def test_places_of_a_mode_begin_with_the_frequency_that_stands_out() -> None:
+    """At the end of the grid a mode hardly oscillates and promises most, as in a record whose pitch rate is late."""
+    over = {4.0: 20.0, 8.0: 30.0, 14.5: 111.0, 18.0: 90.0, 48.0: 116.0, 53.0: 105.0, 115.0: 134.0, 162.0: 130.0, 250.0: 145.0}
+    results = sorted(((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()), key=lambda result: -result[0])
+    ordered = [start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)]  # type: ignore[arg-type]
+    assert ordered == [14.5, 48.0, 115.0, 250.0, 162.0, 53.0, 18.0, 8.0, 4.0]
+    assert _resonances_first(SensorLag("q"), results) is results  # type: ignore[arg-type]

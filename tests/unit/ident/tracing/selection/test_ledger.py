@@ -17,13 +17,16 @@ from tests.tracing_problem import fit_of, planted, problem_of
 
 
 def test_the_better_of_two_fits_of_a_set_is_kept() -> None:
+    """By its criterion: scores charge each what it leaves uneven, so that the better fit may have the higher one."""
     problem = problem_of([planted()])
     root = fit_of(problem)
-    ledger = Ledger(problem).kept(root, 10.0).kept(root, 20.0)
-    assert ledger.score(root) == 10.0
-    assert ledger.kept(root, 5.0).score(root) == 5.0
+    better, worse = replace(root, criterion=root.criterion - 8.0), replace(root, criterion=root.criterion + 8.0)
+    ledger = Ledger(problem).kept(root, 10.0)
+    assert ledger.kept(worse, 5.0).known(root) is root and ledger.kept(worse, 5.0).score(root) == 10.0
+    assert ledger.kept(better, 20.0).known(root) is better and ledger.kept(better, 20.0).score(root) == 10.0
+    assert ledger.kept(better, 5.0).score(root) == 5.0
     # A stage returns a ledger; the one it was given is as it was.
-    assert ledger.score(root) == 10.0
+    assert ledger.known(root) is root and ledger.score(root) == 10.0
 
 
 def holed(problem: TraceProblem) -> list[np.ndarray]:

@@ -16,6 +16,7 @@ from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
 from sim.effects.dynamics.curves.control_unevenness import VARIANTS, ControlUnevenness
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.curves.lift_nonlinearity import LIFT_NONLINEARITY
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.dynamics.derivative_jump import DerivativeJump
@@ -91,6 +92,13 @@ def test_a_control_that_works_more_to_one_side() -> None:
     w = LOES_VALUES
     expected, _ = fly_loes(LOES.time, LOES.u[0], lambda t, a, q, u, z: (w["L_delta"] * e * abs(u), w["M_delta"] * e * abs(u), ()))
     close(loes(replace(find_effect_named("delta"), width=1e-9), {"unevenness": e}), expected, 1e-4)
+
+
+def test_a_control_that_loses_power_to_both_sides() -> None:
+    v, share = RIGID_VALUES, 0.6
+    f = lambda u: -0.3 * u**3 / 0.12**2  # noqa: E731
+    expected, _ = fly_rigid(RIGID.time, RIGID.u[0], lambda t, a, q, u, z: (share * v["CL_de"] * f(u), v["Cm_de"] * f(u), ()))
+    close(rigid(ControlWeakening(widest=0.12), {"loss": 0.3, "lift_share": share}), expected)
 
 
 def find_effect_named(control: str) -> ControlUnevenness:

@@ -14,6 +14,9 @@ from sim.declaration.effect import Effect
 from sim.declaration.proposal import SearchContext
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_horizontal import GustHorizontal
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_unevenness import ControlUnevenness
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.lagged_loads import LaggedLoads
 from sim.effects.library import effects_for, find_effect, guards_for
@@ -108,9 +111,17 @@ def test_a_curved_rudder_acts_on_all_three_axes_as_another_deflection() -> None:
 
 
 def test_an_uneven_aileron_is_another_deflection() -> None:
-    _, effect = [effect for effect in effects_for(Lateral()) if effect.name == "control-nonlinearity:aileron"]
+    effect = next(each for each in effects_for(Lateral()) if each.name == "control-nonlinearity:aileron" and isinstance(each, ControlUnevenness))
     moved = replace(SIDE, u=np.array([SIDE.u[0] + 0.3 * np.abs(SIDE.u[0]), SIDE.u[1]]))
     close(on_lateral({"control-nonlinearity:aileron.unevenness": 0.3}, effect), on_lateral({}, flight=moved), 1e-3)
+
+
+def test_an_aileron_that_weakens_is_another_deflection() -> None:
+    context = SearchContext(0.0, 4.0, 0.04, flown={"aileron": (-0.05, 0.08)})
+    plain = next(each for each in effects_for(Lateral()) if each.name == "control-nonlinearity:aileron" and isinstance(each, ControlWeakening))
+    effect = plain.fitted_to(context)
+    moved = replace(SIDE, u=np.array([SIDE.u[0] * (1.0 - 0.3 * (SIDE.u[0] / 0.08) ** 2), SIDE.u[1]]))
+    close(on_lateral({"control-nonlinearity:aileron.loss": 0.3}, effect), on_lateral({}, flight=moved), 1e-9)
 
 
 @pytest.mark.parametrize(("port", "axis"), [("yaw", "Cn"), ("roll", "Cl"), ("side_force", "CY")])
@@ -195,7 +206,8 @@ def test_an_actuator_of_the_rudder_leaves_the_aileron_alone() -> None:
 
 def test_a_curved_elevator_counts_from_the_middle_of_its_deflections() -> None:
     context = SearchContext(0.0, 4.0, 0.04, flown={"elevator": (-0.05, 0.13)})
-    curved, uneven = [effect for effect in effects_for(Longitudinal()) if effect.name == "control-nonlinearity:elevator"]
+    forms = {type(effect): effect for effect in effects_for(Longitudinal()) if effect.name == "control-nonlinearity:elevator"}
+    curved, uneven, weakening = forms[ControlNonlinearity], forms[ControlUnevenness], forms[ControlWeakening]
     f, v = curve(-0.09, 0.09, SHAPES), LONGITUDINAL_VALUES
     fitted = curved.fitted_to(context)  # type: ignore[attr-defined]
     expected, _ = fly_longitudinal(UP.time, UP.u, START, lambda t, s: {axis: v[f"{axis}_de"] * float(f(s["de"] - 0.04)) for axis in ("CL", "Cm")})
@@ -203,6 +215,11 @@ def test_a_curved_elevator_counts_from_the_middle_of_its_deflections() -> None:
     fitted = uneven.fitted_to(context)  # type: ignore[attr-defined]
     expected, _ = fly_longitudinal(UP.time, UP.u, START, lambda t, s: {axis: 0.2 * v[f"{axis}_de"] * abs(s["de"] - 0.04) for axis in ("CL", "Cm")})
     close(on_longitudinal({f"{fitted.name}.unevenness": 0.2}, fitted), expected, 1e-3)
+    fitted = weakening.fitted_to(context)  # type: ignore[attr-defined]
+    assert fitted.widest == pytest.approx(0.09)
+    lost = lambda de: -0.2 * (de - 0.04) ** 3 / 0.09**2  # noqa: E731
+    expected, _ = fly_longitudinal(UP.time, UP.u, START, lambda t, s: {axis: v[f"{axis}_de"] * lost(s["de"]) for axis in ("CL", "Cm")})
+    close(on_longitudinal({f"{fitted.name}.loss": 0.2}, fitted), expected, 1e-5)
 
 
 def test_nothing_rings_in_steady_flight() -> None:

@@ -103,6 +103,20 @@ def test_a_bent_reading_counts_from_trim_without_the_bias_and_rises_over_what_wa
         assert 1.0 + 2.0 * curvature * worst == pytest.approx(0.0)
 
 
+def test_a_reading_bent_to_both_sides_alike_and_its_freer_form() -> None:
+    plain = SensorCurve("nz", "g", 0.1, -3.0, 3.0, bends=("cubic",))
+    nz = fly_model(rigid_model(), rigid_flight())[2]
+    read = fly_model(rigid_model().with_effects(plain).with_values({"sensor-curve:nz.cubic": 0.05}), rigid_flight())[2]
+    np.testing.assert_allclose(read, nz + 0.05 * nz**3, rtol=0.0, atol=1e-15)
+    values = {"sensor-curve:nz.cubic": 0.05, "sensor-curve:nz.curvature": -0.1}
+    both = fly_model(rigid_model().with_effects(plain.finer()).with_values(values), rigid_flight())[2]
+    np.testing.assert_allclose(both, nz - 0.1 * nz**2 + 0.05 * nz**3, rtol=0.0, atol=1e-15)
+    assert [item.unit for item in plain.finer().parameters] == ["1/g", "1/g2"]
+    low, high = plain.fitted_to(SearchContext(0.0, 9.0, 0.02, flown={"nz": (-0.5, 1.25)})).traits.plausible["cubic"]
+    assert 1.0 + 3.0 * low * 1.25**2 == pytest.approx(0.0)
+    assert high * 1.25**2 == pytest.approx(1.0)
+
+
 def test_a_bent_reading_of_a_total_counts_from_the_middle_of_what_was_flown() -> None:
     """About zero the square of an airspeed of 45 to 53 m/s would be next to a scale of it."""
     context = SearchContext(0.0, 9.0, 0.02, flown={"airspeed": (45.0, 53.0)})
