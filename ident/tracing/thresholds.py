@@ -49,6 +49,7 @@ RIVALS_NEAR, RIVALS_WIDE = 3, 6  # sets weighed again within ``near`` and ``wide
 HALF_ITS_PRICE = 0.5  # chosen: a projected gain below half of what an addition costs is not worth a fit
 BETTER_PLACE = 0.5  # of the cost. chosen: a fit that gains less has found the same optimum
 OUTDONE = 2.0  # chosen: what any record may have waits for a steady cause of twice its gain, beside which it is offered again
+INSTEAD_OF_MOTION = 3  # causes fitted in its place. chosen, for time
 DWARFED = 10.0  # chosen: the same of a cause that could imitate slow motion
 DOMINANT = 3.0  # chosen: process noise that brings three times the best cause's gain is no stand-in for that cause
 

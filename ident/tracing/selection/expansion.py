@@ -46,8 +46,9 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
         and not only_beside_another(finding.effect)
     ]
     if fuller is not fitted and not _waits(findings, fitted.fit.cost - fuller.fit.cost):
+        ledger, instead = _instead_of_motion(ledger, fitted, fuller, findings, number)
         ledger, further = expand(ledger, fuller, number)
-        return ledger, [fuller, *further]
+        return ledger, [fuller, *instead, *further]
     sets = f"{len(ledger.models)} {'set' if len(ledger.models) == 1 else 'sets'} fitted"
     doing = f"round {number}: {' + '.join(fitted.names) or 'declared model'}, {sets}"
     problem.progress(doing, number / (problem.settings.depth + 1))
@@ -62,6 +63,23 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
     ledger, children = limits_from_declared_values(ledger, fitted, findings, children, rivals=explained is not None)
     ledger, accepted = _accepted(ledger, fitted, number, findings, children)
     return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
+
+
+def _instead_of_motion(
+    ledger: Ledger, fitted: FittedModel, fuller: FittedModel, findings: Sequence[Finding], number: int
+) -> tuple[Ledger, list[FittedModel]]:
+    """Sets with one cause in the place of what any record may have, which that imitates: those that leave noise or bring twice as much."""
+    if is_white(fuller):
+        return ledger, []
+    children: dict[int, FittedModel] = {}
+    brought = fitted.fit.cost - fuller.fit.cost
+    for place, finding in enumerate(findings[: thresholds.INSTEAD_OF_MOTION]):
+        if finding.gain <= brought or ledger.exhausted:
+            break
+        ledger, child = best_fit(ledger, fitted, finding, 1)
+        if child is not None and (is_white(child) or fitted.fit.cost - child.fit.cost > thresholds.OUTDONE * brought):
+            children[place] = child
+    return _accepted(ledger, fitted, number, findings, children) if children else (ledger, [])
 
 
 def _waits(findings: Sequence[Finding], brought: float) -> bool:

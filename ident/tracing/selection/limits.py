@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, free_names
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.criterion import is_white
@@ -58,3 +58,25 @@ def limits_from_declared_values(
             if is_white(child):
                 return ledger, found
     return ledger, found
+
+
+def limit_in_place(
+    ledger: Ledger, best: FittedModel, effect: Traceable, limit: Traceable, child: FittedModel | None
+) -> tuple[Ledger, FittedModel | None]:
+    """The best of ``child`` and fits of ``best`` with a limit in the place of one effect, from the declared derivatives and the limit's probes.
+
+    The other effects begin where they stand: what stood for the limit has bent the derivatives, not them.
+    """
+    if has_process_noise(best.system):
+        return ledger, child
+    rest = tuple(other for other in best.effects if other is not effect)
+    names, values = {name for other in rest for name in free_names(other)}, best.values
+    beside = {name: value for known in (values.own[0], values.shared) for name, value in known.items() if name in names}
+    for probe in limit.probes(search_context(best, ledger.problem.predicted)):
+        if ledger.exhausted:
+            break
+        start = {full_name(limit, name): value for name, value in probe.values.items()}
+        ledger, again = fit(ledger, (*rest, limit), None, beside | start, rough=True)
+        if again is not None and (child is None or again.fit.cost < child.fit.cost):
+            child = again
+    return ledger, child

@@ -21,6 +21,7 @@ from ident.tracing.selection.criterion import gain
 from ident.tracing.selection.event_times import in_freer_form
 from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.ledger import Ledger, fit
+from ident.tracing.selection.limits import is_limit, limit_in_place
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.proposal import Refinable, Traceable
 
@@ -88,6 +89,8 @@ def _in_the_place_of(ledger: Ledger, best: FittedModel, effect: Traceable, names
         ledger, child = best_fit(ledger, base, finding, 1)
         if child is None or 2.0 * (child.fit.cost - best.fit.cost) > within:
             ledger, child = _from_there(ledger, best, effect, seen, child)
+        if is_limit(finding.effect) and (child is None or 2.0 * (child.fit.cost - best.fit.cost) > within):
+            ledger, child = limit_in_place(ledger, best, effect, finding.effect, child)
         ledger, child = _freely(ledger, child, best, finding.effect)
         if child is None:
             continue

@@ -20,6 +20,10 @@ SLOWEST = 4.0  # rad/s, below which no structure bends
 FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
+# The aircraft's moments by the angle and by the control, of which a mode of the same structure has about the ratio; and how far beyond it may lie.
+TURNED_BY = {"elevator": ("Cm_alpha", "Cm_de"), "delta": ("M_alpha", "M_delta"), "rudder": ("Cn_beta", "Cn_dr")}
+BEYOND = 3.0
+
 # eta = control + angle_gain alpha.
 AT_REST: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -41,6 +45,8 @@ class ElasticMode:
 
     Attributes
     ----------
+    angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about as it turns the aircraft: where a record does not
+        tell it, no moment of the aircraft is to be lost in it.
     number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
     fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away from the node: ``lift_rate``
         and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz + ``accelerometer`` eta_ddot.
@@ -63,6 +69,7 @@ class ElasticMode:
     read_as: tuple[str, str, str] = ("alpha_air", "q", "nz")
     total: bool = False
     middle: float = 0.0
+    angle_std: float = math.inf
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.UNDEFINED
@@ -125,7 +132,7 @@ class ElasticMode:
             Parameter("damping", DAMPING, "1", bounds=(0.0005, 0.7)),
             Parameter(self.ports[0], lift, self.loads[0]),
             Parameter(self.ports[1], moment, self.loads[1]),
-            Parameter("angle_gain", 0.0, f"{self.angle}/rad"),
+            Parameter("angle_gain", 0.0, f"{self.angle}/rad", prior_std=self.angle_std),
             Parameter("gyro", gyro, f"rad/{self.angle}"),
             *((Parameter("trim", self.middle, self.angle),) if self.total else ()),
         )
@@ -173,9 +180,14 @@ class ElasticMode:
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """The mode kept to frequencies that the records resolve, and where deflections are totals about the middle of them."""
+        """The mode kept to frequencies that the records resolve, driven by the angle not far beyond what the aircraft is turned by it.
+
+        Where deflections are totals, about the middle of them.
+        """
         low, high = (context.flown_range(self.control) if self.total else None) or (self.middle, self.middle)
-        return replace(self, fastest=_resolved(context), middle=0.5 * (low + high))
+        by_angle, by_control = (abs(context.values.get(name, 0.0)) for name in TURNED_BY[self.control])
+        std = BEYOND * by_angle / by_control if by_angle > 0.0 and by_control > 0.0 else math.inf
+        return replace(self, fastest=_resolved(context), middle=0.5 * (low + high), angle_std=std)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to four fifths of the sampling limit."""

@@ -10,13 +10,18 @@ from scipy.special import chdtrc
 
 from ident.tracing.candidate_model.fitted_model import added_parameters, local_names
 from ident.tracing.candidate_model.quantities import quantities
+from ident.tracing.screening.context import search_context
+from ident.tracing.screening.score_test import screen
 from ident.tracing.selection.background import with_background, with_known_background
+from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.expansion import _instead_of_motion
 from ident.tracing.selection.ledger import Ledger
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
+from sim.effects.sensor_path.vane_offset import VaneOffset
 from sim.record import Record
 from tests.searches import LAG, found_by, searched
 from tests.tracing_problem import doublets, fit_of, planted, problem_of
@@ -68,6 +73,21 @@ def test_waits_where_another_cause_dwarfs_it() -> None:
     rounds = {(candidate.name, candidate.within): candidate.round for candidate in ledger.evidence}
     assert rounds[("sensor-lag:q", ())] == 1, "the lag is looked at without it"
     assert set(best.names) == {"phugoid", "sensor-lag:q"}
+
+
+def test_what_it_imitates_stands_in_its_place_where_that_brings_far_more() -> None:
+    """A drift beside an arm: neither leaves noise alone, and the slow motion brings part of what the drift does."""
+    drift, arm = SensorDrift("nz", "g", 5e-3), VaneOffset()
+    values = {"sensor-drift:nz.slope": -0.02, "vane-offset.arm": 2.5}
+    problem = problem_of([planted([drift, arm], values, flight=doublets(14.0, 40.0))], (drift, arm, Phugoid()))
+    root = fit_of(problem)
+    ledger = Ledger(problem).kept(root, root.criterion)
+    ledger, fuller = with_background(ledger, root, 1)
+    assert fuller is not root and not is_white(fuller), "the drift looks like slow motion"
+    findings = screen(root, (drift, arm), search_context(root))
+    _, instead = _instead_of_motion(ledger, root, fuller, findings, 1)
+    assert [fitted.names for fitted in instead] == [("sensor-drift:nz",)]
+    assert instead[0].fit.cost < fuller.fit.cost
 
 
 def test_parameters_of_the_aircraft_are_shared_and_cost_nothing() -> None:

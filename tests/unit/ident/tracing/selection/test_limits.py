@@ -9,7 +9,8 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.selection.limits import is_limit, limits_from_declared_values
+from ident.tracing.selection.limits import is_limit, limit_in_place, limits_from_declared_values
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
 from sim.effects.input_path.actuator_lag import ActuatorLag
 from sim.effects.input_path.actuator_rate_limit import ActuatorRateLimit
 from sim.effects.input_path.actuator_saturation import ActuatorSaturation
@@ -64,3 +65,19 @@ def test_a_better_child_stays_and_a_spent_search_tries_nothing(slowed: tuple[Led
     # Beside another effect a set has values of its own to start from.
     scaled = fit_of(ledger.problem, [SensorScale("q")], root)
     assert limits_from_declared_values(ledger, scaled, [finding], {}) == (ledger, {})
+
+
+def test_in_the_place_of_another_cause_it_begins_from_the_declared_derivatives_and_the_rest_where_it_stands() -> None:
+    stop, curve, scale = ActuatorSaturation(), ControlNonlinearity(-0.1, 0.1), SensorScale("alpha")
+    truth = {"actuator-saturation.limit": 0.04, "sensor-scale:alpha.scale": 1.2}
+    problem = problem_of([planted([stop, scale], truth)], (stop, curve, scale))
+    root = fit_of(problem)
+    best = fit_of(problem, [scale, curve], root, {"sensor-scale:alpha.scale": 1.2})
+    ledger = Ledger(problem).kept(root, root.criterion)
+    # Where every deflection reaches the stop only its product with the effectiveness is known, and no slope leads away from there.
+    stuck = fit_of(problem, [scale, stop], best, {"actuator-saturation.limit": 0.01})
+    after, found = limit_in_place(ledger, best, curve, stop, stuck)
+    assert found is not None and set(found.names) == {scale.name, stop.name} and after.spent > ledger.spent
+    assert found.values.shared["actuator-saturation.limit"] == pytest.approx(0.04, rel=0.02)
+    assert found.fit.cost < best.fit.cost + 5.0
+    assert limit_in_place(ledger.respent(problem.settings.budget), best, curve, stop, stuck)[1] is stuck

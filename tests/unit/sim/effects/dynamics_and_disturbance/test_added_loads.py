@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from sim.declaration.effect import Effect
+from sim.declaration.proposal import SearchContext
 from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.speed_variation import SpeedVariation
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
@@ -267,3 +269,12 @@ def test_guards_are_the_terms_that_they_name() -> None:
     expected, _ = fly_rigid(RIGID.time, RIGID.u[0], swinging)
     sizes = {"frequency": 5.0, "lift_cos": 0.02, "lift_sin": -0.01, "moment_cos": 0.004, "moment_sin": 0.003}
     close(rigid(found["guard:periodic-loads"], sizes), expected)
+
+
+def test_a_mode_is_driven_by_the_angle_about_as_the_aircraft_is_turned_by_it() -> None:
+    """Beforehand, to three times the ratio of the fitted moments; where these are not known, to anything."""
+    fitted = ElasticMode().fitted_to(SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": -0.9, "Cm_de": -1.2}))
+    known = {item.name: item for item in fitted.parameters}["angle_gain"]
+    assert known.value == 0.0 and known.prior_std == pytest.approx(2.25)
+    unknown = ElasticMode().fitted_to(SearchContext(0.0, 9.0, 0.02, values={"Cm_alpha": 0.0, "Cm_de": -1.2}))
+    assert {item.name: item for item in unknown.parameters}["angle_gain"].prior_std == math.inf
