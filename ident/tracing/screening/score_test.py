@@ -19,6 +19,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, compiled_with
 from ident.tracing.screening.alternative_outputs import BaseMotion, alternative_outputs, base_motion
 from ident.tracing.screening.places import Weighed, Whitened, added_by, closer_places, places_of, weigh, whitened
+from ident.tracing.screening.prominence import prominent_peaks
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.effect import Station, full_name
@@ -152,12 +153,10 @@ def _resonances_first(effect: Traceable, results: list[Start]) -> list[Start]:
     """
     if not effect.traits.oscillates:
         return results
-    from scipy.signal import find_peaks
-
     name = full_name(effect, effect.traits.oscillates[0])
     over = sorted(results, key=lambda result: result[1][name])
-    peaks, told = find_peaks([result[0] for result in over], prominence=0.0)
-    first = [over[place] for place in peaks[np.argsort(-told["prominences"], kind="stable")]]
+    peaks, _ = prominent_peaks(np.array([result[0] for result in over]))
+    first = [over[place] for place in peaks]
     known = {id(result) for result in first}
     return [*first, *(result for result in results if id(result) not in known)]
 
