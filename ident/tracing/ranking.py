@@ -13,6 +13,7 @@ from ident.tracing.equivalents import are_equivalent, told_by_declared
 from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
+from ident.tracing.selection.crossed_pairs import crossed_pairs
 from ident.tracing.selection.ledger import Key, Ledger, fit
 from ident.tracing.selection.near_aliases import equivalent_sets, guards_for_events, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, predicted_by
@@ -79,6 +80,12 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
     near = _near(ledger, best, settings.wide if wide else settings.near, thresholds.RIVALS_WIDE if wide else thresholds.RIVALS_NEAR)
     ledger, compared = _with(ledger, compared, [*near, *alike], held)
     leading, totals = _leading(compared, held)
+    if wide and doubted(compared[leading][1]):
+        # The fitted record was content with causes that another record does not know.
+        ledger, crossed = crossed_pairs(ledger.renewed(thresholds.LEFT_FOR_PAIRS), best)
+        crossed = [fitted for fitted in crossed if fitted.criterion - best.criterion < settings.wide]
+        ledger, compared = _with(ledger, compared, crossed, held)
+        leading, totals = _leading(compared, held)
     asked = {frozenset(best.names)}
     for _ in best.effects:
         # Another than the best may lead now, and has equivalents and near-aliases of its own.

@@ -149,14 +149,16 @@ def _find(
 def _resonances_first(effect: Traceable, results: list[Start]) -> list[Start]:
     """The places of an oscillation at which its gain stands out over the frequencies tried, the most prominent first, then all others.
 
-    Where it hardly oscillates it promises what a delay or other derivatives would bring, at one frequency as at the next.
+    Where it hardly oscillates it promises what a delay or other derivatives would bring, at one frequency as at the next: a peak on such a
+    plateau is hardly prominent. One that promises too little beside the best place is none.
     """
     if not effect.traits.oscillates:
         return results
     name = full_name(effect, effect.traits.oscillates[0])
     over = sorted(results, key=lambda result: result[1][name])
     peaks, _ = prominent_peaks(np.array([result[0] for result in over]))
-    first = [over[place] for place in peaks]
+    least = thresholds.HOPELESS_IN_SEARCH * max(result[0] for result in results)
+    first = [over[place] for place in peaks if over[place][0] >= least]
     known = {id(result) for result in first}
     return [*first, *(result for result in results if id(result) not in known)]
 

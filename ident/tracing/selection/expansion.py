@@ -61,8 +61,8 @@ def expand(ledger: Ledger, fitted: FittedModel, number: int) -> tuple[Ledger, li
                 if child is not None:
                     children[place] = child
     ledger, children = limits_from_declared_values(ledger, fitted, findings, children, rivals=explained is not None)
-    ledger, accepted = _accepted(ledger, fitted, number, findings, children)
-    return ledger, [*([fuller] if fuller is not fitted else []), *accepted]
+    ledger, kept = accepted(ledger, fitted, number, findings, children)
+    return ledger, [*([fuller] if fuller is not fitted else []), *kept]
 
 
 def _instead_of_motion(
@@ -79,7 +79,7 @@ def _instead_of_motion(
         ledger, child = best_fit(ledger, fitted, finding, 1)
         if child is not None and (is_white(child) or fitted.fit.cost - child.fit.cost > thresholds.OUTDONE * brought):
             children[place] = child
-    return _accepted(ledger, fitted, number, findings, children) if children else (ledger, [])
+    return accepted(ledger, fitted, number, findings, children) if children else (ledger, [])
 
 
 def _waits(findings: Sequence[Finding], brought: float) -> bool:
@@ -110,7 +110,7 @@ def with_process_noise(ledger: Ledger, fitted: FittedModel, number: int) -> tupl
         if child is not None:
             children[len(findings)] = child
             findings.append(Finding(effect, 0.0, len(free_names(effect)), ({},), (0.0,), np.zeros(1)))
-    return _accepted(ledger, fitted, number, findings, children)
+    return accepted(ledger, fitted, number, findings, children)
 
 
 def best_fit(ledger: Ledger, fitted: FittedModel, finding: Finding, starts: int) -> tuple[Ledger, FittedModel | None]:
@@ -194,11 +194,11 @@ def _spoken_for(findings: Sequence[Finding], children: Mapping[int, FittedModel]
     return any(findings[place].effect.name in finding.effect.traits.equivalents for place in children)
 
 
-def _accepted(
+def accepted(
     ledger: Ledger, fitted: FittedModel, number: int, findings: Sequence[Finding], children: Mapping[int, FittedModel]
 ) -> tuple[Ledger, list[FittedModel]]:
     """Keep evidence on all findings, and the children that lower the score enough."""
-    accepted: list[FittedModel] = []
+    kept: list[FittedModel] = []
     most = max((fitted.fit.cost - child.fit.cost for child in children.values()), default=0.0)
     for place, finding in enumerate(findings):
         child = children.get(place)
@@ -216,8 +216,8 @@ def _accepted(
             continue
         ledger, taken = _taken(ledger, parent, child, finding.effect, exactly=fitted.fit.cost - child.fit.cost > thresholds.RIVAL * most)
         if taken is not None:
-            accepted.append(taken)
-    return ledger, accepted
+            kept.append(taken)
+    return ledger, kept
 
 
 def _taken(ledger: Ledger, fitted: FittedModel, child: FittedModel, effect: Traceable, *, exactly: bool) -> tuple[Ledger, FittedModel | None]:

@@ -12,6 +12,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, fit_set
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
+from ident.tracing.selection.crossed_pairs import crossed_pairs
 from ident.tracing.selection.expansion import expand, with_process_noise
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.selection.pairs_at_once import pairs_at_once
@@ -38,13 +39,14 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
     second-best set is looked at only as long as something is missing from the best. Process noise takes in whatever has
     a cause, so it is offered only where no single cause leaves noise.
     """
-    beam = list(first)
+    # A first round with many events may have spent all: what two causes leave of each other shows in the rounds after it only.
+    ledger, beam = ledger.renewed(thresholds.LEFT_FOR_ROUND), list(first)
     moving: Beam = []
     if not any(is_white(fitted) for fitted in beam):
         ledger, moving = with_process_noise(ledger, base, 1)
         beam = _best(ledger, [*beam, *_no_stand_in(ledger, base, beam, moving)])
     for number in range(2, ledger.problem.settings.depth + 1):
-        ledger, children = _expand_beam(ledger, beam, number)
+        ledger, children = _expand_beam(ledger.renewed(thresholds.LEFT_FOR_ROUND), beam, number)
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Rounds that went astray leave means for what has not been tried.
@@ -52,6 +54,9 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
             pairs: Beam = []
             if len(ledger.problem.records) == 1 or not defies(base, beam):
                 ledger, pairs = pairs_at_once(ledger.renewed(thresholds.LEFT_FOR_PAIRS), base)
+                if not any(is_white(fitted) for fitted in pairs):
+                    ledger, crossed = crossed_pairs(ledger.renewed(thresholds.LEFT_FOR_PAIRS), base)
+                    pairs = [*pairs, *crossed]
             ledger, beam = _freer_forms(ledger, _best(ledger, [*beam, *pairs]))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.

@@ -226,4 +226,17 @@ class _Others:
             tries = [self.fit([*present, effect], best, start) for start in [*starts, self.trained.own[0]]]
             present = [*present, effect]
             best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+        return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
+
+    def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
+        """What belongs to one record, each looked for again beside all others: the first was placed while theirs was still unexplained."""
+        for effect in own:
+            rest = [other for other in best.effects if other is not effect]
+            base = self.fit(rest, best)
+            if base is None:
+                continue
+            starts = [start for found in screen(base, [effect], search_context(base)) for start in found.starts[:2]]
+            tries = [self.fit([*rest, effect], base, start) for start in starts]
+            again = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=best)
+            best = again if again.fit.cost < best.fit.cost - thresholds.BETTER_PLACE else best
         return best

@@ -58,7 +58,8 @@ class ActuatorSecondOrder:
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        return all_labelled(("actuator-lag", "input-delay"), self.label)
+        # With the damping of a structure it is one that the control drives.
+        return (*all_labelled(("actuator-lag", "input-delay"), self.label), "elastic-mode")
 
     @property
     def traits(self) -> Traits:
