@@ -175,6 +175,7 @@ def predictive_log_likelihood(
     *,
     local: Collection[str] = (),
     masks: Sequence[np.ndarray] | None = None,
+    begin: Sequence[Mapping[str, float]] = (),
 ) -> float:
     """Log likelihood of one-step predictions of records that were not fitted; -inf where it is not finite.
 
@@ -184,6 +185,7 @@ def predictive_log_likelihood(
     values : parameters, held. levels : measurement noise by output, and ``process_noise_scale`` where needed, held: see ``noise_levels``.
     local : parameters that each record has of its own, fitted again like initial states and ``bias_*``.
     masks : ``(m, N)`` a record, False where a sample is set aside.
+    begin : where parameters of its own start in each record, by name; those of the system where it does not say, which no event elsewhere finds.
 
     Two models compare when both see the same records, masks and local parameters.
     """
@@ -196,6 +198,9 @@ def predictive_log_likelihood(
             "no initial state and no bias is free", where=f"model with {', '.join(system.parameters.names)}", remedy="release at least one"
         )
     layout = lay_out(records, held, settings, local=local, masks=masks)
+    for r, known in enumerate(begin):
+        for name, position in zip(layout.local, layout.columns(r)[len(layout.shared) :], strict=False):
+            layout.start[position] = known.get(name, layout.start[position])
     # A first fit without process noise brings the trajectory near the record.
     plain = fit_whole_records(FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE))))
     if plain is None:

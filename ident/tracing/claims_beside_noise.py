@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ident.tracing import thresholds
 from ident.tracing.belief.together import is_open_form
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
@@ -18,7 +19,8 @@ from ident.tracing.selection.backward import without_needless_background
 from ident.tracing.selection.forward import extended, hopeless
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
-from ident.tracing.verdict import Judgement, claims_of, hardly_better, judge, no_better, not_noise, residual_tests
+from ident.tracing.validation.improvement import contradicted, hardly_better, no_better
+from ident.tracing.verdict import Judgement, claims_of, judge, not_noise, residual_tests
 
 WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES, Concern.ONE_CAUSE)  # of a set that leaves noise and may not be claimed
 
@@ -67,7 +69,17 @@ def predicts_no_better(held: HeldOutData, partial: Partial) -> bool:
     """
     if partial.events_alone:
         return no_better(held.declared, partial.out)
-    return hardly_better(held.declared, partial.out, weak=not (held.choosing or partial.learnt_there))
+    weak = not (held.choosing or partial.learnt_there)
+    if weak and shown_strongly(partial):
+        return contradicted(held.declared, partial.out)
+    return hardly_better(held.declared, partial.out, weak=weak)
+
+
+def shown_strongly(partial: Partial) -> bool:
+    """Whether three records or more, each predicted by the others, show every effect of the set by twice what is worth a claim."""
+    chosen = [item.best.reduction for item in partial.validated.chosen if item.best.effect.name in partial.fitted.names]
+    strong = [one for one in chosen if one.total <= -thresholds.STRONGLY * thresholds.WORTH and len(one.by_record) >= thresholds.FEWEST_RECORDS]
+    return bool(chosen) and len(strong) == len(chosen)
 
 
 def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger, Judgement]:

@@ -78,7 +78,9 @@ WORTH = 0.1  # chosen: less is what a dozen small causes make; ``test_partial_nu
 HALF_OF_IT = 0.5  # chosen: what does not bring half of that on the fitted records will not bring it on others
 SHOWS = 9.0  # squared change over the noise's power in data held out. theorem: three sigmas; of false effects of that size 1 % pass by chance
 MOST_OF_IT = 0.75  # of what two records leave. Simulated papers: with less, what is half of the truth was claimed for what was neither
-CHANNEL_WORSE = 0.05  # chosen: rise of one channel's error that is tolerated, or half of what is gained in the mean; beyond twice its scatter
+# chosen: rise of one channel's error that is tolerated, or half of what is gained in the mean, and of one record's; beyond twice its scatter
+TOLERATED_RISE = 0.05
+STRONGLY = 2.0  # times what is worth a claim. chosen: what the null makes in three records left out in turn rarely reaches it once
 STRONG_WITNESS = 10.0  # log likelihood. chosen: twice what an addition has to bring, since the same samples speak
 EVENTS_FITTED = 3  # to each record left out. chosen, for time
 LONE_EVENT = 30.0  # log likelihood. Simulation: the best of all events in 5 records of which none has one, coloured by what no effect names

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
 from ident.process_noise.innovations_model import has_process_noise
@@ -81,45 +79,6 @@ def claims_of(problem: TraceProblem, choice: Choice) -> list[Claim]:
     return out
 
 
-def no_better(before: HeldOut, after: HeldOut) -> bool:
-    """Whether a free simulation of held-out data is no better, in likelihood, than that of the declared model."""
-    return before.frozen is not None and after.frozen is not None and after.frozen.cost >= before.frozen.cost
-
-
-def hardly_better(before: HeldOut, after: HeldOut, *, weak: bool = False) -> bool:
-    """Whether a free simulation of held-out data, all channels at their own scale, is better than the declared model's by too little to say.
-
-    Mean over the channels of ln(rms after / rms before), for what is printed: claims that were cross-validated one by one need not help together.
-    ``weak`` : whether less will do where the data have room for less (``room_for``): they may hardly move, but what is claimed has to show in
-    them, else chance alone decides.
-    """
-    if no_better(before, after) or before.frozen is None or after.frozen is None:
-        return True
-    used = before.frozen.layout.used & after.frozen.layout.used
-    change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
-    less = weak and np.sum(_lacking(before.frozen, after.frozen, mean=False)) >= thresholds.SHOWS
-    least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if less else thresholds.WORTH
-    return not change.size or float(np.mean(change)) >= -thresholds.HALF_OF_IT * least
-
-
-def room_for(before: Fit, after: Fit) -> float:
-    """By how much ln(rms) would fall from one frozen fit to another, mean over the channels, if the second were the truth.
-
-    What the first then lacks is the difference of the two simulations: its variance is that of the second and the square of that difference.
-    """
-    lacking = _lacking(before, after, mean=True)
-    return float(np.mean(0.5 * np.log1p(lacking))) if lacking.size else 0.0
-
-
-def _lacking(before: Fit, after: Fit, *, mean: bool) -> np.ndarray:
-    """Squared difference of two simulations over what the second leaves, summed over the samples or its mean, of each channel used by both."""
-    apart = np.concatenate([two.y - one.y for one, two in zip(before.lines, after.lines, strict=True)], axis=1)
-    valid = np.concatenate([problem.valid for problem in after.layout.problems], axis=1)
-    used = before.layout.used & after.layout.used
-    counts = np.maximum(np.count_nonzero(valid, axis=1)[used], 1) if mean else 1
-    return np.asarray(np.sum(np.where(valid, apart, 0.0) ** 2, axis=1)[used] / counts / after.variance[used])
-
-
 def verdict_on(
     problem: TraceProblem, root: FittedModel, choice: Choice, claims: Sequence[Claim], tests: ResidualTests, held: HeldOutData
 ) -> tuple[Verdict, list[Caution]]:
@@ -175,5 +134,13 @@ def _improved(root: FittedModel, choice: Choice, held: HeldOutData) -> bool:
     masks = [problem.valid for problem in (after.informed or before.frozen).layout.problems]
     plain = predictive_log_likelihood(records, root.system, root.values.shared, noise_levels(root.fit), settings, masks=masks)
     local = [name for effect in best.effects for name in local_names(effect)]
-    found = predictive_log_likelihood(records, best.system, best.values.shared, noise_levels(best.fit), settings, local=local, masks=masks)
-    return found > plain
+    begin = _own_values(after.informed or after.frozen, local)
+    levels, values = noise_levels(best.fit), best.values.shared
+    return predictive_log_likelihood(records, best.system, values, levels, settings, local=local, masks=masks, begin=begin) > plain
+
+
+def _own_values(fit: Fit, names: Collection[str]) -> list[dict[str, float]]:
+    """Of each record of a fit the values of these parameters of its own: an event begins there where the fit has found it."""
+    layout = fit.layout
+    columns = [layout.columns(r)[len(layout.shared) :] for r in range(len(layout.problems))]
+    return [{name: float(fit.theta[at]) for name, at in zip(layout.local, mine, strict=False) if name in names} for mine in columns]

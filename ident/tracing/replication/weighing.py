@@ -172,10 +172,11 @@ def _replicates(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     """Whether it passes, and why not."""
     if lowered.total > -thresholds.BEYOND_ITS_SCATTER * lowered.scatter:
         return False, "the fall of the error on records left out is within its scatter"
-    if np.any(lowered.by_channel > max(thresholds.CHANNEL_WORSE, -0.5 * lowered.total) + thresholds.BEYOND_ITS_SCATTER * lowered.channel_scatter):
+    if np.any(lowered.by_channel > max(thresholds.TOLERATED_RISE, -0.5 * lowered.total) + thresholds.BEYOND_ITS_SCATTER * lowered.channel_scatter):
         return False, "one channel gets worse"
     # A short record, or one that hardly moves what the effect needs, says little by its sign: it speaks against beyond its own scatter only.
-    if any(total > thresholds.BEYOND_ITS_SCATTER * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)):
+    rises = [total - thresholds.BEYOND_ITS_SCATTER * scatter for total, scatter in zip(lowered.by_record, lowered.record_scatter, strict=True)]
+    if max(rises) > thresholds.TOLERATED_RISE:
         return False, "it makes a record worse"
     if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
         return False, "it helps on too few records"

@@ -43,7 +43,7 @@ def crossed_pairs(ledger: Ledger, base: FittedModel) -> tuple[Ledger, list[Fitte
 
 
 def _singles(ledger: Ledger, base: FittedModel) -> list[FittedModel]:
-    """Sets of one effect of the library beside the background of ``base``, the best first; none with process noise, whose pairs are sought elsewhere."""
+    """Sets of one effect of the library beside the background of ``base``, the best first; none with process noise."""
     background = {effect.name for effect in base.background}
     found = [
         fitted

@@ -44,6 +44,9 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
     moving: Beam = []
     if not any(is_white(fitted) for fitted in beam):
         ledger, moving = with_process_noise(ledger, base, 1)
+        if not moving and base.effects:
+            # A slow gust looks like a phugoid to a search that knows no gusts.
+            ledger, moving = with_process_noise(ledger, ledger.models[frozenset()], 1)
         beam = _best(ledger, [*beam, *_no_stand_in(ledger, base, beam, moving)])
     for number in range(2, ledger.problem.settings.depth + 1):
         ledger, children = _expand_beam(ledger.renewed(thresholds.LEFT_FOR_ROUND), beam, number)

@@ -14,7 +14,8 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Concern, Verdict
 from ident.tracing.ranking import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
-from ident.tracing.verdict import ResidualTests, hardly_better, judge, no_better, not_noise, room_for, verdict_on
+from ident.tracing.validation.improvement import hardly_better, no_better, room_for
+from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import guards_for

@@ -23,7 +23,7 @@ from ident.tracing.replication.weighing import weigh
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
-from ident.tracing.verdict import hardly_better
+from ident.tracing.validation.improvement import hardly_better
 from ident.tracing.weighed import ComparedSet, Ground
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
