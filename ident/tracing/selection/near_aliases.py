@@ -133,6 +133,9 @@ def _alike(ledger: Ledger, best: FittedModel, effect: Traceable) -> set[str]:
     if is_event(effect):
         # The place of an event was searched for: whatever acts all along and does as well is likelier.
         names |= {c.name for c in ledger.problem.candidates if not (is_event(c) or belongs_to_record(c))}
+    if effect.traits.background:
+        # Slow motion takes in what goes slowly wrong in a record, be it in all of its outputs or in one.
+        names |= {c.name for c in ledger.problem.candidates if belongs_to_record(c) and not is_event(c)}
     # What any record may have has no part in it: a set may have been left by it since.
     known_motion = {c.name for c in ledger.problem.candidates if c.traits.background}
     for seen in ledger.evidence:
