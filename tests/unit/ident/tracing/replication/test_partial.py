@@ -180,7 +180,7 @@ def test_events_alone_need_not_lower_the_error_of_data_held_out_only_not_raise_i
     _, partial, _ = found
     plain = partial.out.frozen
     assert plain is not None
-    said = replace(partial, out=HeldOut(replace(plain, cost=plain.cost + rise), None), events_alone=alone)
+    said = replace(partial, out=HeldOut(replace(plain, cost=plain.cost + rise), None), validated=Validated((), ()), events_alone=alone)
     assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), said) is no_better
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, never_together
 from ident.tracing.screening.score_test import Finding
-from ident.tracing.selection.expansion import _accepted, _from_child, best_fit, near_absence
+from ident.tracing.selection.expansion import _from_child, accepted, best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
@@ -77,9 +77,9 @@ def test_children_that_know_the_same_better_optimum_of_their_parent_lower_its_sc
     children = {place: fit_of(problem, [PULSE, effect], root, start) for place, (effect, start) in enumerate(zip(effects, starts, strict=True))}
     findings = [Finding(effect, 50.0, 1, (start,), (50.0,), np.ones(1)) for effect, start in zip(effects, starts, strict=True)]
     ledger = Ledger(problem).kept(root, root.criterion).kept(astray, 1000.0)
-    after, accepted = _accepted(ledger, astray, 2, findings, children)
+    after, kept = accepted(ledger, astray, 2, findings, children)
     parent = after.known(astray)
-    assert accepted and parent.fit.cost < astray.fit.cost - 5.0
+    assert kept and parent.fit.cost < astray.fit.cost - 5.0
     assert after.score(parent) == pytest.approx(1000.0 - 2.0 * (astray.fit.cost - parent.fit.cost))
 
 
