@@ -7,19 +7,20 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.belief.evenness import is_uneven
+from ident.tracing.belief.evenness import behind_gaps, is_uneven
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.ranking import Choice
 from ident.tracing.selection.ledger import Key, Ledger
 from ident.tracing.validation.held_out import HeldOutData, predicted_by
 from ident.tracing.weighed import ComparedSet
+from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import NoiseEffect
 
 
 def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
-    """The choice with all that it was compared with, whether what its process noise stands for goes with the motion, and its idle effects."""
-    sets, uneven = sets_compared(ledger, choice), _goes_with_motion(ledger, choice.best, held)
-    return replace(choice, sets=sets, uneven=uneven, idle=_idle(ledger, choice, held))
+    """The choice with all that it was compared with, what its process noise stands for (``uneven``, ``behind_gaps``), and its idle effects."""
+    sets, left = sets_compared(ledger, choice), _left_by_causes(ledger, choice.best, held)
+    return replace(choice, sets=sets, uneven=bool(left) and is_uneven(left), behind_gaps=behind_gaps(left), idle=_idle(ledger, choice, held))
 
 
 def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
@@ -42,16 +43,19 @@ def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _goes_with_motion(ledger: Ledger, best: FittedModel, held: HeldOutData) -> bool:
-    """Whether the set without its process noise leaves more where the aircraft moves: rough air does not know of that."""
+def _left_by_causes(ledger: Ledger, best: FittedModel, held: HeldOutData) -> list[Fit]:
+    """What a set leaves without its process noise, of the fitted records and of others; empty where it has none.
+
+    Rough air does not know where the aircraft moves, nor which rows a recorder lost.
+    """
     if not has_process_noise(best.system):
-        return False
+        return []
     rest = tuple(effect for effect in best.effects if not isinstance(effect, NoiseEffect))
     plain = ledger.models.get(frozenset(effect.name for effect in rest)) or ledger.problem.fit(rest, best, None, rough=True)
     if plain is None or has_process_noise(plain.system):
-        return False
+        return []
     frozen = predicted_by(plain, held, informed=False).frozen
-    return is_uneven([plain.fit, *([frozen] if frozen is not None else [])])
+    return [plain.fit, *([frozen] if frozen is not None else [])]
 
 
 def sets_compared(ledger: Ledger, choice: Choice) -> tuple[ComparedSet, ...]:

@@ -29,7 +29,8 @@ class Choice:
 
     ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
     data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
-    others that the search passed. ``uneven`` : its process noise stands for what goes with the motion. ``idle`` : names that predict nothing.
+    others that the search passed. ``uneven`` : its process noise stands for what goes with the motion, ``behind_gaps`` for what missing rows
+    leave. ``idle`` : names that predict nothing.
     """
 
     best: FittedModel
@@ -38,6 +39,7 @@ class Choice:
     misfits: Mapping[Key, float] = field(default_factory=dict)
     sets: tuple[ComparedSet, ...] = ()
     uneven: bool = False
+    behind_gaps: bool = False
     idle: tuple[str, ...] = ()
 
 

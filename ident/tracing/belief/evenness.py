@@ -26,6 +26,20 @@ def is_uneven(fits: Sequence[Fit]) -> bool:
     return _even(seconds_of(fits)) is False
 
 
+def behind_gaps(fits: Sequence[Fit]) -> bool:
+    """Whether most of what is left of a record lies right behind rows that are missing: nobody knows where inputs took the states meanwhile."""
+    return any(_share_behind_gaps(fit, r) > thresholds.HALF_OF_IT for fit in fits for r in range(len(fit.lines)))
+
+
+def _share_behind_gaps(fit: Fit, r: int) -> float:
+    time, left = fit.layout.problems[r].record.time, np.sum(fit.residuals[r] ** 2 / fit.variance[:, None], axis=0)
+    steps = np.diff(time)
+    behind = np.zeros(len(time), dtype=bool)
+    for end in time[1:][steps > thresholds.GAP * np.median(steps)]:
+        behind |= (time >= end) & (time < end + thresholds.WINDOW)
+    return float(left[behind].sum() / (left.sum() + 1e-300))
+
+
 def _even(seconds: Seconds) -> bool | None:
     chance = chance_that_even(seconds)
     return None if chance is None else chance > thresholds.EVEN and loudest_fifth(seconds) < thresholds.EPISODE
