@@ -103,7 +103,7 @@ def verdict_on(
         told = "what fits best is turbulence, but what it would explain comes and goes with the motion: the cause is another"
         return Verdict.UNEXPLAINED, [Caution(Concern.GOES_WITH_MOTION, told)]
     if choice.behind_gaps:
-        told = "what fits best is turbulence, but most of what it would explain lies right behind missing rows: an input that was not recorded does as much"
+        told = "what fits best is turbulence, but most of what it explains lies right behind missing rows: an unrecorded input does as much"
         return Verdict.UNEXPLAINED, [Caution(Concern.ROWS_MISSING, told)]
     doubts = cautions_of(root, best, [(effect, quantities(best, effect)) for effect in best.effects])
     if doubts:

@@ -55,16 +55,33 @@ def implausible(effect: Traceable, found: Mapping[str, Quantity], slack: float =
 
 
 def stands_out_somewhere(fitted: FittedModel, effect: Traceable, sigmas: float = thresholds.OFF_ABSENCE) -> bool:
-    """Whether an effect stands out in a record by so many sigmas, an event inside it.
+    """Whether an effect stands out in a record by so many sigmas, one parameter or all together, an event inside it.
 
-    An event that begins with the record, or after it, is a constant or nothing.
+    Shapes of a curve may each be open, since a derivative takes up what one does, and yet be far off their absence together. An event that begins
+    with the record, or after it, is a constant or nothing.
     """
     onset = effect.traits.onset
-    for problem, found in zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True):
+    for r, (problem, found) in enumerate(zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True)):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
-        if inside and sigmas_from_absence(effect, found) > sigmas:
+        if inside and (sigmas_from_absence(effect, found) > sigmas or _together_from_absence(fitted, effect, r) > sigmas):
             return True
     return False
+
+
+def _together_from_absence(fitted: FittedModel, effect: Traceable, r: int) -> float:
+    """The root of Wald's statistic per parameter, for the parameters of an effect in record ``r``; zero where fewer than two could be absent."""
+    names = fitted.fit.layout.names
+    absent = {full_name(effect, local): value for local, value in effect.absent.items()}
+    absent |= {f"{name}, record {r + 1}": value for name, value in absent.items()}
+    at = [i for i, name in enumerate(names) if name in absent]
+    if len(at) < 2:
+        return 0.0
+    normal, _ = fitted.fit.normal_equations()
+    covariance, _ = inverse_information(normal, fitted.fit.theta)
+    away, scale = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at]), np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
+    correlation = covariance[np.ix_(at, at)] / np.outer(scale, scale)
+    squared = float(away / scale @ np.linalg.pinv(correlation, rcond=1e-10, hermitian=True) @ (away / scale))
+    return float(np.sqrt(max(squared, 0.0) / len(at)))
 
 
 def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:

@@ -23,6 +23,7 @@ from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
+from sim.effects.sensor_path.sensor_step import SensorStep
 from sim.errors import ModelError
 from tests.linear_problem import matched_record, oscillator
 from tests.turbulence import DERIVATIVES, NOISE, TRUE, calm_model, rough_model, rough_record
@@ -171,6 +172,21 @@ def test_prediction_of_a_record_that_was_not_fitted() -> None:
     # As good as a fit of that record itself, but for the parameters' errors.
     own = fit_filter_error([other], rough, SETTINGS)
     assert own.log_likelihood - 25.0 < with_gusts < own.log_likelihood
+
+
+def test_an_event_of_a_record_that_was_not_fitted_is_predicted_from_where_it_was_found() -> None:
+    """A zero of alpha that jumps: from another time no slope leads there."""
+    step = SensorStep("alpha", "rad", 1e-3)
+    record = rough_record(np.random.default_rng(24), 401)
+    jumped = np.where(record.time >= record.time[250], record["alpha"].values + 0.02, record["alpha"].values)
+    record = replace(record, outputs=tuple(replace(c, values=jumped) if c.name == "alpha" else c for c in record.outputs))
+    system = compile_model(rough_model().with_effects(step))
+    values = dict(zip(DERIVATIVES, TRUE.tolist(), strict=True))
+    levels, local = dict(zip(OUTPUTS, NOISE.tolist(), strict=True)), ["sensor-step:alpha.at", "sensor-step:alpha.size"]
+    found = {"sensor-step:alpha.at": float(record.time[250]), "sensor-step:alpha.size": 0.02}
+    there = predictive_log_likelihood([record], system, values, levels, SETTINGS, local=local, begin=[found])
+    elsewhere = {"sensor-step:alpha.at": float(record.time[40]), "sensor-step:alpha.size": 0.001}
+    assert there > predictive_log_likelihood([record], system, values, levels, SETTINGS, local=local, begin=[elsewhere]) + 20.0
 
 
 def test_prediction_without_process_noise_is_gaussian() -> None:

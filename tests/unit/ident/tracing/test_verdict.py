@@ -14,7 +14,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Concern, Verdict
 from ident.tracing.ranking import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
-from ident.tracing.validation.improvement import hardly_better, no_better, room_for
+from ident.tracing.validation.improvement import contradicted, hardly_better, no_better, room_for
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
@@ -138,6 +138,17 @@ def test_data_in_which_the_cause_does_not_show_ask_for_a_twentieth(problem: Trac
         passed += not no_better(before, after)
         assert hardly_better(before, after, weak=True)
     assert passed, "by likelihood alone some would pass"
+
+
+def test_data_that_hardly_show_a_cause_do_not_contradict_it_and_those_that_would_show_it_do(problem: TraceProblem, root: FittedModel) -> None:
+    """The record of ``best`` moves as usual, or a two-hundredth of it; with the cause or without."""
+    best = fit_of(problem, [SensorLag("q")], root)
+    for size, there, against in ((0.1, True, False), (0.1, False, True), (0.0003, True, False), (0.0003, False, False)):
+        value = {"sensor-lag:q.time_constant": 0.06 if there else 1e-6}
+        record = planted([SensorLag("q")], value, 5, flight=doublets(size=size))
+        before, after = (held_out(each, [record], None, informed=False) for each in (root, best))
+        assert contradicted(before, after) is against
+    assert contradicted(NOTHING, NOTHING)
 
 
 def test_data_are_called_held_out_only_where_they_took_no_part() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ident.tracing import thresholds
-from ident.tracing.belief.evenness import chance_that_even, is_even, is_uneven, loudest_fifth, seconds_of
+from ident.tracing.belief.evenness import behind_gaps, chance_that_even, is_even, is_uneven, loudest_fifth, seconds_of
 from ident.whole_record.gauss_newton import Fit
 
 
@@ -60,3 +60,18 @@ def test_an_episode_is_not_even() -> None:
     assert loudest_fifth(seconds_of([calm])) < thresholds.EPISODE < loudest_fifth(seconds_of([wake]))
     assert loudest_fifth(seconds_of([calm, wake])) == pytest.approx(0.5 * (loudest_fifth(seconds_of([calm])) + loudest_fifth(seconds_of([wake]))))
     assert is_uneven([wake]) and not is_even([wake])
+
+
+@pytest.mark.parametrize(
+    ("lost", "loud_from", "behind"), [((250, 275), 275, True), ((250, 275), 500, False), ((250, 253), 253, False), ((), 275, False)]
+)
+def test_what_is_left_right_behind_missing_rows_is_told(lost: tuple[int, ...], loud_from: int, behind: bool) -> None:
+    """A second ten times as loud as the rest: behind a gap of a second, ten seconds later, behind three lost rows, and without a gap."""
+    calm = moving(30, 0.0)
+    left = calm.residuals[0] * np.where((np.arange(750) >= loud_from) & (np.arange(750) < loud_from + 25), 10.0, 1.0)
+    kept = np.delete(np.arange(750), np.arange(*lost) if lost else [])
+    record = SimpleNamespace(time=calm.layout.problems[0].record.time[kept])
+    line = SimpleNamespace(y=calm.lines[0].y[:, kept])
+    layout = SimpleNamespace(problems=(SimpleNamespace(record=record),))
+    fit = cast("Fit", SimpleNamespace(layout=layout, lines=(line,), residuals=(left[:, kept],), variance=calm.variance))
+    assert behind_gaps([calm, fit]) is behind and not behind_gaps([])

@@ -11,7 +11,7 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.claims_beside_noise import predicts_no_better
+from ident.tracing.claims_beside_noise import predicts_no_better, shown_strongly
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication import known_motion
@@ -260,3 +260,22 @@ def test_what_cannot_be_asked_is_not_said(late: Flight) -> None:
     assert other.choosing
     assert cross_validated(alone, lonely, replace(other, choosing=False)) == (alone, None)
     assert cross_validated(alone, lonely, other)[1] is not None
+
+
+def test_only_what_three_records_show_by_twice_its_worth_is_shown_strongly(found: tuple[Ledger, Partial, Ledger]) -> None:
+    _, partial, _ = found
+    (item,) = partial.validated.chosen
+
+    def said(total: float, records: int) -> Partial:
+        reduction = replace(item.best.reduction, total=total, by_record=(total,) * records)
+        chosen = [replace(item, best=replace(item.best, reduction=reduction))]
+        return replace(partial, validated=replace(partial.validated, chosen=chosen))
+
+    assert [shown_strongly(said(*each)) for each in ((-0.21, 3), (-0.19, 3), (-0.5, 2))] == [True, False, False]
+    assert not shown_strongly(replace(partial, validated=Validated((), ())))
+    # One more record then has to speak against it; it is enough that it says nothing.
+    plain = partial.out.frozen
+    silent = replace(said(-0.3, 3), out=HeldOut(plain, None))
+    assert not predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), silent)
+    assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), replace(silent, validated=said(-0.15, 3).validated))
+    assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None), choosing=True), silent)

@@ -6,14 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import Quantity, Silent
 from ident.tracing.replication import one_round
-from ident.tracing.replication.by_record import Flight
+from ident.tracing.replication.by_record import Flight, Replication
 from ident.tracing.replication.comparison import CrossValidation
-from ident.tracing.replication.weighing import Trial, left_out, try_out, weigh
+from ident.tracing.replication.error_reduction import Reduction
+from ident.tracing.replication.weighing import Trial, _replicates, left_out, try_out, weigh
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from sim.declaration.proposal import Traceable
@@ -121,3 +123,11 @@ def test_a_strong_witness_forbids_what_passes_all_else_and_is_asked_only_then(la
     unasked = Witness(-1e9)
     two = flown(DRIFT, [{"sensor-drift:nz.slope": slope} for slope in (0.03, -0.03)])
     assert not weighed(replace(two, witness=unasked), DRIFT).stands and unasked.asked == []
+
+
+@pytest.mark.parametrize(("rise", "scatter", "passes"), [(0.03, 0.005, True), (0.08, 0.005, False), (0.08, 0.02, True), (0.2, 0.05, False)])
+def test_a_record_may_rise_by_a_twentieth_beyond_chance(rise: float, scatter: float, passes: bool) -> None:
+    """One that hardly moves what the effect needs shows what small causes do with it, however sure that is."""
+    lowered = Reduction(-0.3, 0.05, np.full(3, -0.3), np.full(3, 0.05), (-0.5, -0.4, rise), (0.1, 0.1, scatter))
+    stands, why = _replicates(lowered, Replication((), True))
+    assert stands is passes and why == ("cross-validated" if passes else "it makes a record worse")

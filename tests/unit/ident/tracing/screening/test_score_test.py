@@ -271,3 +271,11 @@ def test_places_of_a_mode_begin_with_the_frequency_that_stands_out() -> None:
     ordered = [start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)]  # type: ignore[arg-type]
     assert ordered == [14.5, 48.0, 115.0, 250.0, 162.0, 53.0, 18.0, 8.0, 4.0]
     assert _resonances_first(SensorLag("q"), results) is results  # type: ignore[arg-type, comparison-overlap]
+
+
+def test_a_peak_that_promises_next_to_nothing_is_none() -> None:
+    """A fast mode promises as much as a slow one on its plateau: bumps at its foot stand out by more than the peak on top."""
+    over = {2.2: 39.0, 2.6: 14.0, 3.7: 21.0, 9.5: 15.0, 15.9: 291.0, 17.3: 288.0, 31.0: 282.0, 125.0: 279.0}
+    results = sorted(((gain, {"elastic-mode.frequency": at}, None) for at, gain in over.items()), key=lambda result: -result[0])
+    ordered = [start["elastic-mode.frequency"] for _, start, _ in _resonances_first(ElasticMode(), results)]  # type: ignore[arg-type]
+    assert ordered == [15.9, 17.3, 31.0, 125.0, 2.2, 3.7, 9.5, 2.6]

@@ -18,11 +18,12 @@ from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
+from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.vane_offset import VaneOffset
 from tests.rate_in_alpha import RateInAlpha
-from tests.tracing_problem import SETTINGS, fit_of, planted, problem_of
+from tests.tracing_problem import SETTINGS, doublets, fit_of, planted, problem_of
 
 LATE, LAG, AHEAD, SCALE = SensorDelay("alpha"), SensorLag("alpha"), VaneOffset(), SensorScale("nz")
 
@@ -180,3 +181,16 @@ def test_an_alias_that_takes_its_ranges_from_the_fit_is_found_there_too(monkeypa
     monkeypatch.setattr("ident.tracing.selection.near_aliases.best_fit", lambda ledger, base, finding, starts: (ledger, None))
     _, (other,) = near_aliases(ledger, best, SETTINGS.near)
     assert frozenset(other.names) == {SCALE.name, AHEAD.name}
+
+
+def test_a_slow_fault_of_one_sensor_is_put_in_the_place_of_slow_motion() -> None:
+    """A phugoid takes in a zero of alpha that drifts, and the record shows which of them it was."""
+    drift, slow = SensorDrift("alpha", "rad", 1e-3), Phugoid()
+    problem = problem_of([planted([drift], {"sensor-drift:alpha.slope": 0.0008}, flight=doublets(20.0, 25.0))], (drift, slow, SCALE))
+    root = fit_of(problem)
+    best = fit_of(problem, [slow], root)
+    ledger = Ledger(problem).kept(root, root.criterion).kept(best, best.criterion)
+    assert root.fit.cost - best.fit.cost > 10.0
+    _, found = near_aliases(ledger, best, SETTINGS.near)
+    (other,) = [fitted for fitted in found if fitted.names == (drift.name,)]
+    assert other.criterion < best.criterion

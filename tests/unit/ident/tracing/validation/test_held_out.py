@@ -13,6 +13,7 @@ from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import prediction
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, held_out, with_held_out_change
 from ident.tracing.validation.training_knowledge import training_prior
+from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
 from sim.effects.sensor_path.sensor_drift import SensorDrift
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -63,6 +64,20 @@ def test_events_are_looked_for_anew_in_held_out_records(fitted: FittedModel) -> 
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
     assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15)
     assert own["unmeasured-input.moment"] < -0.003
+
+
+def test_two_events_are_each_placed_beside_the_other() -> None:
+    """The first of them, placed while the second is unexplained, is placed where that one is, and stays there unless it is asked again."""
+    gust, push = GustDiscrete(), UnmeasuredInput()
+    both = {"gust-discrete.peak": 3.0, "gust-discrete.start": 6.5, "gust-discrete.duration": 0.8}
+    train = {**both, "unmeasured-input.start": 2.0, "unmeasured-input.duration": 1.5, "unmeasured-input.moment": 0.006}
+    fitted = fit_of(problem_of([planted([push, gust], train)], (push, gust)), [push, gust], None, train)
+    there = {"gust-discrete.peak": 6.0, "gust-discrete.start": 2.5, "gust-discrete.duration": 0.8}
+    there |= {"unmeasured-input.start": 7.0, "unmeasured-input.duration": 1.5, "unmeasured-input.moment": -0.003}
+    out = held_out(fitted, [planted([push, gust], there, 9)], None, informed=False)
+    assert out.frozen is not None and not doubted(HeldOut(None, out.frozen))
+    own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
+    assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15) and own["gust-discrete.start"] == pytest.approx(2.5, abs=0.15)
 
 
 def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
