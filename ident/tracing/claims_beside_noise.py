@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Caution, Concern, Verdict
 from ident.tracing.found import Found
 from ident.tracing.name_probability import unlikely
 from ident.tracing.ranking import Choice, believable_choice
-from ident.tracing.replication.partial import Partial, cross_validated
+from ident.tracing.replication.partial import Partial, as_partial, cross_validated
 from ident.tracing.replication.rough_air import process_noise_that_stands
 from ident.tracing.selection.backward import without_needless_background
 from ident.tracing.selection.forward import extended, hopeless
@@ -39,6 +39,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
         return ledger, judgement
     if not found.asked:
         ledger, partial = replicating(ledger, found.base, found.held)
+    ledger, partial = likely_part(ledger, found, partial)
     # What replicates on the whole and yet predicts the data held out no better is left unsaid.
     # Nor is a force claimed whose form one curve leaves open.
     standing = None if partial is None or is_open_form(partial.fitted) or predicts_no_better(found.held, partial) else partial
@@ -49,6 +50,20 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
     if standing is None or rough.verdict is Verdict.PARTIAL:
         return ledger, rough
     return judged_again(ledger, found, standing)
+
+
+def likely_part(ledger: Ledger, found: Found, partial: Partial | None) -> tuple[Ledger, Partial | None]:
+    """What replicates, up to the first effect that is less likely, with its alternatives, than something that is not named.
+
+    What was found beside that one rests on it; what came before does not.
+    """
+    if partial is None:
+        return ledger, None
+    names, chosen = unlikely(partial.claims, ledger.problem.twins), partial.validated.chosen
+    before = next((place for place, item in enumerate(chosen) if item.best.effect.name in names), 0)
+    if not before:
+        return ledger, partial
+    return as_partial(ledger, found.base, found.held, replace(partial.validated, chosen=chosen[:before]))
 
 
 def replicating(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, Partial | None]:
