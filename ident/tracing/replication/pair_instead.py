@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, shared_start
 from ident.tracing.replication.by_record import Flight, most_telling
 from ident.tracing.replication.coloured_null import coloured_gain
-from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
+from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, choose
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.replication.one_round import Tried, weigh_all
-from ident.tracing.replication.weighing import fitted_change
+from ident.tracing.replication.weighing import fitted_change, weigh
 from ident.tracing.screening.pairs import likely_pairs
 from ident.tracing.screening.score_test import Finding
 from sim.declaration.proposal import Traceable
@@ -63,11 +64,28 @@ def _validated(flight: Flight, candidates: Sequence[Traceable], first: Tried, be
         begun = None
         compared += step.results if step is not None else []
         if step is None or step.chosen is None:
-            return None, compared
+            lone = _alone(flight, first, validated[0].best) if validated else None
+            compared += [lone] if lone is not None else []
+            stands = choose([*first.results, lone], flight.witness) if lone is not None else None
+            return ([stands] if stands is not None and stands.best is lone else None), compared
         validated.append(step.chosen)
         one = step.chosen.best.effect
     came_out = {item.effect.name for item in (validated[1].best, *validated[1].others)}
     return (validated[::-1] if pair[0].name in came_out else None), compared
+
+
+def _alone(flight: Flight, first: Tried, validated: CrossValidation) -> CrossValidation | None:
+    """An effect that stands beside another, of which nothing is left beside it, tried by itself from where the two were fitted.
+
+    No projection leads from its absence to it, as to a limit. None where the first round has tried it, or by itself it brings less than half.
+    """
+    one = validated.effect
+    if any(item.effect.name == one.name for item in first.results):
+        return None
+    single = flight.fit((*first.fitted.effects, one), range(len(flight.records)), validated.fitted.values)
+    if single is None or fitted_change(first.fitted, single) > thresholds.HALF_OF_IT * fitted_change(first.fitted, validated.fitted):
+        return None
+    return weigh(flight, first.fitted, replace(validated.finding, starts=(shared_start(single, one),)), first.before)
 
 
 def _beside(flight: Flight, candidates: Sequence[Traceable], first: Tried, best: FittedModel, one: Traceable) -> Tried | None:

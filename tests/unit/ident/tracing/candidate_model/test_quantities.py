@@ -11,10 +11,9 @@ import pytest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import stands_out_somewhere
 from sim.declaration.effect import full_name
-from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.curves.moment_nonlinearity import VARIANTS
 
-CURVE = cast("Traceable", VARIANTS[0])
+CURVE = VARIANTS[0]
 NAMES = tuple(full_name(CURVE, local) for local in list(CURVE.absent)[:2])
 
 

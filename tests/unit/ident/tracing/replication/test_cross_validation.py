@@ -156,3 +156,18 @@ def test_a_pair_may_begin_with_what_was_not_chosen_first(monkeypatch: pytest.Mon
     assert len({(item.effect.name, item.fitted.names) for item in tried}) == len(tried)
     assert pair_instead(flight, (scale, late), begun, [weak])[0] is None, "of one effect two more are no other pair"
     assert pair_instead(flight, (scale, late), replace(begun, results=[weak.best]), [weak, weak]) == (None, [])
+
+
+def test_what_stands_beside_another_that_is_not_needed_is_tried_by_itself(late: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A late alpha of which the first round saw nothing, proposed together with a scale that is not there."""
+    root, scale = root_of(late), SensorScale("nz")
+    first = weigh_all(late, (SCALED,), root)
+    assert first is not None and first.chosen is None
+    findings = {finding.effect.name: finding for finding in screen(root, [scale, LATE], search_context(root))}
+    monkeypatch.setattr("ident.tracing.replication.pair_instead.likely_pairs", lambda *of: [(findings[scale.name], findings[LATE.name])])
+    pair, tried = pair_instead(late, (LATE, SCALED), first, [])
+    assert pair is not None and [item.best.effect.name for item in pair] == [LATE.name] and pair[0].best.fitted.names == (LATE.name,)
+    assert pair[0].best in tried
+    # Where the first round has tried it by itself, it was not chosen for a reason.
+    known = replace(first, results=[*first.results, pair[0].best])
+    assert pair_instead(late, (LATE, SCALED), known, [])[0] is None

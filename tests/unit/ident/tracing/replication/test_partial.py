@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ident.tracing import thresholds
+from ident.tracing import claims_beside_noise, thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.claims_beside_noise import predicts_no_better, shown_strongly
 from ident.tracing.diagnosis import Quantity
+from ident.tracing.found import Found
 from ident.tracing.loop import fit_declared, held_out_data
 from ident.tracing.replication import known_motion
 from ident.tracing.replication import partial as told
@@ -279,3 +281,27 @@ def test_only_what_three_records_show_by_twice_its_worth_is_shown_strongly(found
     assert not predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), silent)
     assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None)), replace(silent, validated=said(-0.15, 3).validated))
     assert predicts_no_better(HeldOutData(declared=HeldOut(plain, None), choosing=True), silent)
+
+
+@pytest.mark.parametrize(("doubted", "left"), [((), None), (("second",), 1), (("first",), None), (("third",), 2), (("second", "third"), 1)])
+def test_what_is_less_likely_than_not_takes_along_only_what_was_found_beside_it(
+    found: tuple[Ledger, Partial, Ledger], monkeypatch: pytest.MonkeyPatch, doubted: tuple[str, ...], left: int | None
+) -> None:
+    """Three effects, one found beside the other; where the first is doubted nothing came before it, and the verdict withdraws all."""
+    ledger, partial, _ = found
+    (item,) = partial.validated.chosen
+    chosen = [replace(item, best=replace(item.best, effect=SimpleNamespace(name=name))) for name in ("first", "second", "third")]  # type: ignore[arg-type]
+    partial = replace(partial, validated=replace(partial.validated, chosen=chosen))
+    kept: list[int] = []
+
+    def judged(ledger: Ledger, base: object, held: object, validated: Validated) -> tuple[Ledger, None]:
+        kept.append(len(validated.chosen))
+        return ledger, None
+
+    monkeypatch.setattr(claims_beside_noise, "unlikely", lambda *_: list(doubted))
+    monkeypatch.setattr(claims_beside_noise, "as_partial", judged)
+    root = partial.fitted  # stands for any
+    found_before = Found(ledger, root, root, root, HeldOutData(), partial, True, ())
+    after = claims_beside_noise.likely_part(ledger, found_before, partial)
+    assert after == (ledger, partial if left is None else None) and kept == ([] if left is None else [left])
+    assert claims_beside_noise.likely_part(ledger, found_before, None) == (ledger, None)
