@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.fft import dct
 from scipy.special import fdtri
 
 SHORTEST = 16  # samples of a run that is looked at
@@ -41,7 +40,7 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     if not runs:
         return None
     share = np.concatenate([np.arange(1, len(run)) / len(run) for run in runs])  # of the Nyquist frequency
-    power = np.concatenate([dct(run, norm="ortho")[1:] ** 2 for run in runs])
+    power = np.concatenate([_cosine_transform(run)[1:] ** 2 for run in runs])
     order = np.argsort(-share, kind="stable")
     share, power = share[order], power[order]
     count = int(np.count_nonzero(share >= BEGIN))
@@ -56,6 +55,15 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
             break
         white, random = _fitted(power[:further], walk[:further])
     return float(np.sqrt(white)) if white > NOTHING * float(np.mean(power)) else None
+
+
+def _cosine_transform(x: np.ndarray) -> np.ndarray:
+    """The orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for its first coefficient, which is larger by root two.
+
+    By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980); loading scipy.fft takes a tenth of a second.
+    """
+    turned = np.exp(-0.5j * np.pi * np.arange(len(x)) / len(x))
+    return np.asarray(np.sqrt(2.0 / len(x)) * (np.fft.fft(np.concatenate([x[::2], x[1::2][::-1]])) * turned).real)
 
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:

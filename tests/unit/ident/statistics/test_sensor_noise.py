@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ident.statistics.sensor_noise import sensor_noise, used_runs
+from ident.statistics.sensor_noise import _cosine_transform, sensor_noise, used_runs
 
 SEEDS, SAMPLES, SIGMA = 60, 1000, 0.3
 
@@ -70,3 +70,11 @@ def test_a_long_pause_parts_runs_and_a_sample_set_aside_does_not() -> None:
     runs = used_runs(time, np.arange(100.0), used)
     assert [len(run) for run in runs] == [49, 49] and runs[1][0] == 50.0
     assert used_runs(time, time, np.zeros(100, dtype=bool)) == []
+
+
+@pytest.mark.parametrize("count", [16, 17, 101, 1000])
+def test_the_cosine_transform_is_scipys(count: int) -> None:
+    from scipy.fft import dct
+
+    x = np.random.default_rng(count).standard_normal(count)
+    np.testing.assert_allclose(_cosine_transform(x)[1:], dct(x, norm="ortho")[1:], rtol=0.0, atol=1e-12)
