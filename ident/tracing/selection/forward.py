@@ -49,7 +49,9 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
             ledger, moving = with_process_noise(ledger, ledger.models[frozenset()], 1)
         beam = _best(ledger, [*beam, *_no_stand_in(ledger, base, beam, moving)])
     for number in range(2, ledger.problem.settings.depth + 1):
-        ledger, children = _expand_beam(ledger.renewed(thresholds.LEFT_FOR_ROUND), beam, number)
+        if number == 2:
+            ledger = ledger.renewed(thresholds.LEFT_FOR_ROUND)
+        ledger, children = _expand_beam(ledger, beam, number)
         ledger, beam = _freer_forms(ledger, _best(ledger, children))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Rounds that went astray leave means for what has not been tried.
