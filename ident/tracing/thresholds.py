@@ -68,6 +68,7 @@ FEWEST_DECLARED = 3  # derivatives. chosen: a file that declares fewer knows no 
 BLURRED = 10.0  # chosen: a sigma that an addition makes ten times larger has lost what the record told
 SHORTEST_EVENT = 2.0  # sampling intervals. chosen: no load or gust on an aircraft comes and goes within
 GAP, EDGE_OF_A_GAP = 5.0, 3.0  # samples. chosen: shorter than any maneuver's pulse; an onset is known to a sample or two
+STEPS, STEP_TAKES, AT_A_STEP = 0.5, 0.3, 2.0  # of an input's range; s; samples. chosen: both ends of one event in seventy lie so by chance
 COINCIDENT = 0.025  # theorem: of two events with nothing in common one in twenty pairs begin within a fortieth of the span
 ROWS_BEFORE = 10  # samples. chosen: the motion just before a jump, from few enough to be straight
 AT_A_BOUND = 0.99  # chosen: a frequency this near to what the records resolve was held there

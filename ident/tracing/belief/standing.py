@@ -14,7 +14,8 @@ from ident.tracing.belief.together import one_cause
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.quantities import implausible
 from ident.tracing.diagnosis import Caution, Concern, Quantity
-from sim.declaration.proposal import RESOLVED, Traceable
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import RESOLVED, Edged, Traceable
 
 
 def undetermined(effect: Traceable, found: Mapping[str, Quantity]) -> list[str]:
@@ -72,6 +73,38 @@ def in_lost_rows(effect: Traceable, found: Mapping[str, Quantity], fitted: Fitte
     return 0.0
 
 
+def with_the_control(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> str:
+    """Name of a recorded input that goes most of its way just where an event with edges begins and where it ends; empty elsewhere.
+
+    To two samples and two sigmas, in the record of the event. What acts just while a control is held is the control, which does there what the
+    model does not know: it stops, counting from a trim of its own.
+    """
+    onset, lasts = effect.traits.onset, effect.traits.lasts
+    if not isinstance(effect, Edged) or onset not in found or lasts not in found:
+        return ""
+    begin, length = found[onset], found[lasts]
+    ends = ((begin.value, begin.std), (begin.value + length.value, math.hypot(begin.std, length.std)))
+    for problem, own in zip(fitted.fit.layout.problems, fitted.values.own, strict=True):
+        if own.get(full_name(effect, onset), begin.value) != begin.value:
+            continue
+        time = problem.record.time
+        interval = float(np.median(np.diff(time)))
+        near = [interval * thresholds.AT_A_STEP + thresholds.BEYOND_ITS_SCATTER * std for _, std in ends]
+        for channel in problem.record.inputs:
+            moving = time[_moving(channel.values, max(1, round(thresholds.STEP_TAKES / interval)))]
+            if moving.size and all(np.min(np.abs(moving - at)) <= within for (at, _), within in zip(ends, near, strict=True)):
+                return channel.name
+    return ""
+
+
+def _moving(u: np.ndarray, samples: int) -> np.ndarray:
+    """Where an input, ``(N,)``, goes half of its range or more within so many samples."""
+    out = np.zeros(len(u), dtype=bool)
+    for first in np.flatnonzero(np.abs(u[samples:] - u[:-samples]) > thresholds.STEPS * np.ptp(u)):
+        out[first : first + samples + 1] = True
+    return out
+
+
 def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedModel) -> Caution | None:
     """Why an effect with these parameters is not claimed; None where its own numbers allow it."""
     interval, gap = sampling_interval(fitted), in_a_gap(effect, found, fitted)
@@ -89,6 +122,10 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
     if lasts is not None and lasts.value - thresholds.BEYOND_ITS_SCATTER * lasts.std < thresholds.SHORTEST_EVENT * interval:
         told = f"what fits best is {effect.name} of {_number(lasts)}, which may be no longer than two samples: rows that the recorder lost do as much"
         return Caution(Concern.UNDETERMINED, told)
+    control = with_the_control(effect, found, fitted)
+    if control:
+        told = f"what fits best is {effect.name}, but it begins and ends with a step of the {control}: that control does it, and nothing from outside"
+        return Caution(Concern.ONE_CAUSE, told)
     beyond, open_, fast = implausible(effect, found, slack=0.0), undetermined(effect, found), too_fast(effect, found, interval)
     if beyond or fast:
         words = f"{' and '.join([*beyond, *(name for name in fast if name not in beyond)])} beyond belief"

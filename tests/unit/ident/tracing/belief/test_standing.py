@@ -12,6 +12,7 @@ import pytest
 from ident.tracing.belief.standing import in_a_gap, in_lost_rows, too_fast, undetermined, why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Concern, Quantity
+from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
@@ -55,6 +56,29 @@ def test_a_number_of_either_sign_is_undetermined_where_its_sigma_fills_its_range
 
 def test_what_a_claim_need_not_know_is_left_out() -> None:
     assert undetermined(GustTurbulence(), told(sigma=(1.0, 0.1, "m/s"), length=(300.0, 900.0, "m"))) == []
+
+
+def test_what_acts_just_while_a_control_is_held_is_that_control(fitted: FittedModel) -> None:
+    """Both ends at steps of the elevator, to two samples and two sigmas; one end alone, or a course without edges, says nothing."""
+    (record,) = (problem.record for problem in fitted.fit.layout.problems)
+    u = record["elevator"].values
+    edges = record.time[1:][np.abs(np.diff(u)) > 0.5 * np.ptp(u)]
+    first, last = float(edges[0]), float(edges[2])
+    assert last - first > 0.5
+
+    def why(begin: float, end: float, std: float = 0.002) -> str:
+        found = told(start=(begin, std, "s"), duration=(end - begin, std, "s"), moment=(0.005, 1e-4, "1"))
+        caution = why_not(UnmeasuredInput(), found, fitted)
+        return "" if caution is None else f"{caution.concern.name}: {caution.sentence}"
+
+    assert why(first, last).startswith("ONE_CAUSE") and "a step of the elevator" in why(first, last)
+    assert why(first + 0.2, last), "a surface takes its time"
+    steps = record.time[1:][np.abs(np.diff(u)) > 1e-6]
+    quiet = float(next(at for at in record.time if at > first + 0.5 and np.min(np.abs(steps - at)) > 0.45))
+    assert not why(first, quiet) and why(first, quiet, std=0.3)
+    assert not why(quiet, float(next(at for at in edges if at > quiet + 0.5)))
+    gust = told(start=(first, 0.002, "s"), duration=(last - first, 0.002, "s"), peak=(2.0, 0.1, "m/s"))
+    assert why_not(GustDiscrete(), gust, fitted) is None
 
 
 def test_a_number_beyond_belief_is_refused_without_slack(fitted: FittedModel) -> None:
