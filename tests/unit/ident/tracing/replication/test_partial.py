@@ -290,7 +290,7 @@ def test_what_is_less_likely_than_not_takes_along_only_what_was_found_beside_it(
     """Three effects, one found beside the other; where the first is doubted nothing came before it, and the verdict withdraws all."""
     ledger, partial, _ = found
     (item,) = partial.validated.chosen
-    chosen = [replace(item, best=replace(item.best, effect=SimpleNamespace(name=name))) for name in ("first", "second", "third")]  # type: ignore[arg-type]
+    chosen = [replace(item, best=replace(item.best, effect=SimpleNamespace(name=name))) for name in ("first", "second", "third")]
     partial = replace(partial, validated=replace(partial.validated, chosen=chosen))
     kept: list[int] = []
 
