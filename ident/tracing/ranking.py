@@ -11,6 +11,7 @@ from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import are_equivalent, told_by_declared
 from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
+from ident.tracing.screening.context import search_context
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.crossed_pairs import crossed_pairs
@@ -18,7 +19,8 @@ from ident.tracing.selection.ledger import Key, Ledger, fit
 from ident.tracing.selection.near_aliases import equivalent_sets, guards_for_events, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, predicted_by
 from ident.tracing.weighed import ComparedSet
-from sim.declaration.proposal import Refinable
+from sim.declaration.effect import full_name
+from sim.declaration.proposal import Refinable, Traceable, fitted_to
 
 Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
 
@@ -224,10 +226,14 @@ def _of_fewer(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
 
 def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:
     """The same causes in their freer forms, where data that were not fitted ask for it: other levels of input show more of a curve."""
-    if not doubted(out) or not any(isinstance(effect, Refinable) for effect in best.effects):
+    if not doubted(out):
         return ledger, best, out
-    effects = tuple(effect.finer() if isinstance(effect, Refinable) else effect for effect in best.effects)
-    ledger, finer = fit(ledger, effects, best)
+    effects = tuple(_freer(ledger, best, effect) for effect in best.effects)
+    if all(one is other for one, other in zip(effects, best.effects, strict=True)):
+        return ledger, best, out
+    known = {*best.values.shared, *best.values.own[0]}
+    absent = {full_name(effect, local): value for effect in effects for local, value in effect.absent.items()}
+    ledger, finer = fit(ledger, effects, best, {name: value for name, value in absent.items() if name not in known})
     if finer is None:
         return ledger, best, out
     other = predicted_by(finer, held)
@@ -237,6 +243,14 @@ def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOu
     ledger = ledger.replaced(finer, score)
     sentence = "freer forms, for what the records that were not fitted show of them"
     return ledger.told(Step(finer.names, score, finer.fit.log_likelihood, sentence)), finer, other
+
+
+def _freer(ledger: Ledger, best: FittedModel, effect: Traceable) -> Traceable:
+    """The freer form of an effect; of one that has none the form of its name that has, over the ranges flown; else itself."""
+    if isinstance(effect, Refinable):
+        return effect.finer()
+    others = [other for other in ledger.problem.candidates if other.name == effect.name and isinstance(other, Refinable)]
+    return fitted_to(others[0], search_context(best, ledger.problem.predicted)) if others else effect
 
 
 def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[FittedModel]:

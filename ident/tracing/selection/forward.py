@@ -65,7 +65,7 @@ def forward_selection(ledger: Ledger, base: FittedModel, first: Sequence[FittedM
             ledger, beam = _freer_forms(ledger, _best(ledger, [*beam, *pairs]))
         if number == 2 and not any(is_white(fitted) for fitted in (*first, *beam)):
             # Process noise with one cause: only where no pair of causes does better. A cause that it hides shows once it is there.
-            ledger, together = _white_with_process_noise(ledger, first, 2)
+            ledger, together = _white_with_process_noise(ledger.renewed(thresholds.LEFT_FOR_ROUND), first, 2)
             if not together:
                 ledger, together = _expand_all(ledger, moving, 2)
             beam = _best(ledger, [*beam, *together])
