@@ -46,7 +46,8 @@ class GustTurbulence:
     states: ClassVar[tuple[Signal, ...]] = (Signal("gust_1", "m/s", "filtered noise"), Signal("gust_2", "m/s", "the same, filtered twice"))
     traits: ClassVar[Traits] = Traits(
         sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
-        plausible={"sigma": (0.0, 8.0), "length": (40.0, 2000.0)},
+        # Below a fifth of what pilots call light, a few centimetres a second stand for something else that is small.
+        plausible={"sigma": (0.1, 8.0), "length": (40.0, 2000.0)},
         loose=("length",),
     )
     explanation: ClassVar[str] = (
