@@ -10,13 +10,15 @@ import pytest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Concern, Verdict
-from ident.tracing.ranking import Choice, alternatives_of, believable_choice, choose_among_near, is_ambiguous
+from ident.tracing.ranking import Choice, _freer, alternatives_of, believable_choice, choose_among_near, is_ambiguous
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, held_out, predicted_by
 from ident.tracing.verdict import ResidualTests, verdict_on
-from sim.declaration.proposal import Traceable
+from sim.declaration.proposal import Refinable, Traceable
+from sim.effects.dynamics.curves.control_nonlinearity import VARIANTS as CURVES
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.sensor_path.sensor_delay import SensorDelay
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -180,3 +182,14 @@ def test_what_the_one_that_took_anothers_place_explains_is_dropped() -> None:
     ledger = ledger.replaced(wrong, ledger.score(wrong))
     _, choice = believable_choice(ledger, wrong, HeldOutData())
     assert choice.best.names == ("sensor-scale:alpha",)
+
+
+def test_a_form_without_a_freer_one_is_made_freer_by_that_of_its_name() -> None:
+    weak, late = ControlWeakening(), SensorLag("q")
+    curve = next(variant for variant in CURVES if variant.name == weak.name and isinstance(variant, Refinable))
+    problem = problem_of([planted()], (weak, late, curve))
+    best = fit_of(problem, [weak])
+    ledger = Ledger(problem)
+    freer = _freer(ledger, best, weak)
+    assert freer.name == weak.name and type(freer) is type(curve) and isinstance(freer, Refinable)
+    assert _freer(ledger, best, freer) == freer.finer() and _freer(ledger, best, late) is late

@@ -54,6 +54,12 @@ def test_a_number_of_either_sign_is_undetermined_where_its_sigma_fills_its_range
     assert undetermined(load, told(lift=(0.1 * lift, 0.4 * lift, "1"))) == []
 
 
+def test_gusts_of_a_few_centimetres_a_second_are_not_believed(fitted: FittedModel) -> None:
+    for sigma, believed in ((0.06, False), (0.3, True)):
+        why = why_not(GustTurbulence(), told(sigma=(sigma, 0.01, "m/s"), length=(300.0, 90.0, "m")), fitted)
+        assert (why is None) is believed
+
+
 def test_what_a_claim_need_not_know_is_left_out() -> None:
     assert undetermined(GustTurbulence(), told(sigma=(1.0, 0.1, "m/s"), length=(300.0, 900.0, "m"))) == []
 
