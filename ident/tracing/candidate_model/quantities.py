@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -61,14 +61,16 @@ def stands_out_somewhere(fitted: FittedModel, effect: Traceable, sigmas: float =
     with the record, or after it, is a constant or nothing.
     """
     onset = effect.traits.onset
-    for r, (problem, found) in enumerate(zip(fitted.fit.layout.problems, _quantities_by_record(fitted, effect), strict=True)):
+    normal, _ = fitted.fit.normal_equations()
+    covariance, _ = inverse_information(normal, fitted.fit.theta)
+    for r, (problem, found) in enumerate(zip(fitted.fit.layout.problems, quantities_with(fitted, effect, covariance), strict=True)):
         inside = onset not in found or problem.record.time[3] < found[onset].value < problem.record.time[-4]
-        if inside and (sigmas_from_absence(effect, found) > sigmas or _together_from_absence(fitted, effect, r) > sigmas):
+        if inside and (sigmas_from_absence(effect, found) > sigmas or _together_from_absence(fitted, effect, r, covariance) > sigmas):
             return True
     return False
 
 
-def _together_from_absence(fitted: FittedModel, effect: Traceable, r: int) -> float:
+def _together_from_absence(fitted: FittedModel, effect: Traceable, r: int, covariance: np.ndarray) -> float:
     """The root of Wald's statistic per parameter, for the parameters of an effect in record ``r``; zero where fewer than two could be absent."""
     names = fitted.fit.layout.names
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
@@ -76,12 +78,17 @@ def _together_from_absence(fitted: FittedModel, effect: Traceable, r: int) -> fl
     at = [i for i, name in enumerate(names) if name in absent]
     if len(at) < 2:
         return 0.0
-    normal, _ = fitted.fit.normal_equations()
-    covariance, _ = inverse_information(normal, fitted.fit.theta)
-    away, scale = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at]), np.sqrt(np.maximum(np.diag(covariance)[at], 1e-300))
-    correlation = covariance[np.ix_(at, at)] / np.outer(scale, scale)
-    squared = float(away / scale @ np.linalg.pinv(correlation, rcond=1e-10, hermitian=True) @ (away / scale))
-    return float(np.sqrt(max(squared, 0.0) / len(at)))
+    away = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at])
+    return float(np.sqrt(max(squared_distance(covariance, at, away), 0.0) / len(at)))
+
+
+def squared_distance(covariance: np.ndarray, at: Sequence[int], away: np.ndarray) -> float:
+    """away' C^-1 away of the unknowns ``at``, ``covariance`` ``(n, n)`` that of all, of the directions that the data determine."""
+    if not len(at):
+        return 0.0
+    scale = np.sqrt(np.maximum(np.diag(covariance)[list(at)], 1e-300))
+    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
+    return float((away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0])
 
 
 def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:

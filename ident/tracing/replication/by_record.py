@@ -10,7 +10,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, belongs_to_record, fit_set
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.candidate_model.quantities import quantities_with, sigmas_from_absence
+from ident.tracing.candidate_model.quantities import quantities_with, sigmas_from_absence, squared_distance
 from ident.tracing.diagnosis import Quantity, Witness, silent
 from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOutData
@@ -124,7 +124,7 @@ def distance_from_absence(fitted: FittedModel, effect: Traceable) -> float:
     if not at:
         return np.inf
     away = fitted.fit.theta[at] - np.array([absent[names[i]] for i in at])
-    return float(np.sqrt(max(0.0, _squared_distance(covariance, at, away)) / len(at)))
+    return float(np.sqrt(max(0.0, squared_distance(covariance, at, away)) / len(at)))
 
 
 def most_telling(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
@@ -149,21 +149,12 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
         mine = [full_name(effect, item.name) for item in effect.parameters if item.free and full_name(effect, item.name) in places]
         at = [places[name] for name in mine]
         own, common = fitted.fit.theta[at], np.array([joint.values.shared.get(name, fitted.fit.theta[places[name]]) for name in mine])
-        lost = _squared_distance(covariance, at, common - own)
+        lost = squared_distance(covariance, at, common - own)
         acting = [i for i, name in enumerate(mine) if name in absent]
-        whole = _squared_distance(covariance, [at[i] for i in acting], own[acting] - np.array([absent[mine[i]] for i in acting]))
+        whole = squared_distance(covariance, [at[i] for i in acting], own[acting] - np.array([absent[mine[i]] for i in acting]))
         if lost > max(thresholds.AGREE**2 * len(at), thresholds.ALIKE**2 * whole):
             odd.append(lost / whole if whole > 0.0 else np.inf)
     return not odd or (len(fitted.fit.layout.problems) >= thresholds.MANY_RECORDS and len(odd) == 1 and odd[0] < thresholds.STILL_MOST)
-
-
-def _squared_distance(covariance: np.ndarray, at: Sequence[int], away: np.ndarray) -> float:
-    """away' C^-1 away, of the directions that the data determine."""
-    if not len(at):
-        return 0.0
-    scale = np.sqrt(np.maximum(np.diag(covariance)[list(at)], 1e-300))
-    inside = covariance[np.ix_(at, at)] / np.outer(scale, scale)
-    return float((away / scale) @ np.linalg.lstsq(inside, away / scale, rcond=1e-8)[0])
 
 
 def _alike(found: Sequence[Quantity], absent: float | None) -> bool:

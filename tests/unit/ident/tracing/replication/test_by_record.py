@@ -120,5 +120,5 @@ def test_of_four_records_one_may_differ_where_the_common_values_still_do_most(
     fitted = flight.fit((MOMENT_NONLINEARITY,), range(len(losses)), None)
     assert fitted is not None
     told = iter([part for lost in losses for part in (1e6 * lost, 1e6)])
-    monkeypatch.setattr("ident.tracing.replication.by_record._squared_distance", lambda *of: next(told))
+    monkeypatch.setattr("ident.tracing.replication.by_record.squared_distance", lambda *of: next(told))
     assert replicate(flight, fitted, MOMENT_NONLINEARITY).agrees is agrees
