@@ -20,6 +20,7 @@ from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.selection.expansion import near_absence
 from ident.tracing.validation.held_out import held_out
+from ident.tracing.validation.improvement import changes
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Curve, Traceable
 
@@ -164,8 +165,8 @@ def _worth(flight: Flight, child: FittedModel, effect: Traceable, lowered: Reduc
 
 def fitted_change(fitted: FittedModel, child: FittedModel) -> float:
     """Mean over the channels of ln(rms after / rms before) on the fitted records: what is not there will not be on others."""
-    used = fitted.fit.layout.used & child.fit.layout.used
-    return float(np.mean(0.5 * np.log(child.fit.variance[used] / fitted.fit.variance[used]))) if np.any(used) else 0.0
+    change = changes(fitted.fit, child.fit)
+    return float(np.mean(change)) if change.size else 0.0
 
 
 def _replicates(lowered: Reduction, copies: Replication) -> tuple[bool, str]:

@@ -222,10 +222,8 @@ class _Others:
         for effect in own:
             if best is None:
                 return None
-            starts: list[Mapping[str, float]] = [start for found in screen(best, [effect], search_context(best)) for start in found.starts[:2]]
-            tries = [self.fit([*present, effect], best, start) for start in [*starts, self.trained.own[0]]]
+            best = self._with(best, present, effect, self.trained.own[0])
             present = [*present, effect]
-            best = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
         return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
 
     def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
@@ -235,8 +233,12 @@ class _Others:
             base = self.fit(rest, best)
             if base is None:
                 continue
-            starts = [start for found in screen(base, [effect], search_context(base)) for start in found.starts[:2]]
-            tries = [self.fit([*rest, effect], base, start) for start in starts]
-            again = min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=best)
-            best = again if again.fit.cost < best.fit.cost - thresholds.BETTER_PLACE else best
+            again = self._with(base, rest, effect)
+            best = again if again is not None and again.fit.cost < best.fit.cost - thresholds.BETTER_PLACE else best
         return best
+
+    def _with(self, base: FittedModel, rest: Sequence[Traceable], effect: Traceable, *further: Mapping[str, float]) -> FittedModel | None:
+        """What belongs to one record added to a fit of ``rest``, from where the records point to and from ``further`` starts: the best of these."""
+        starts = [start for found in screen(base, [effect], search_context(base)) for start in found.starts[:2]]
+        tries = [self.fit([*rest, effect], base, start) for start in [*starts, *further]]
+        return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)

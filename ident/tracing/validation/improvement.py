@@ -24,11 +24,16 @@ def hardly_better(before: HeldOut, after: HeldOut, *, weak: bool = False) -> boo
     """
     if no_better(before, after) or before.frozen is None or after.frozen is None:
         return True
-    used = before.frozen.layout.used & after.frozen.layout.used
-    change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
+    change = changes(before.frozen, after.frozen)
     less = weak and np.sum(_lacking(before.frozen, after.frozen, mean=False)) >= thresholds.SHOWS
     least = min(thresholds.WORTH, room_for(before.frozen, after.frozen)) if less else thresholds.WORTH
     return not change.size or float(np.mean(change)) >= -thresholds.HALF_OF_IT * least
+
+
+def changes(before: Fit, after: Fit) -> np.ndarray:
+    """ln(rms after / rms before) of each channel used by both fits."""
+    used = before.layout.used & after.layout.used
+    return np.asarray(0.5 * np.log(after.variance[used] / before.variance[used]))
 
 
 def room_for(before: Fit, after: Fit) -> float:
@@ -57,8 +62,7 @@ def contradicted(before: HeldOut, after: HeldOut) -> bool:
     """
     if before.frozen is None or after.frozen is None:
         return True
-    used = before.frozen.layout.used & after.frozen.layout.used
-    change = 0.5 * np.log(after.frozen.variance[used] / before.frozen.variance[used])
+    change = changes(before.frozen, after.frozen)
     asked = thresholds.HALF_OF_IT * min(thresholds.WORTH, room_for(before.frozen, after.frozen))
     chance = thresholds.BEYOND_ITS_SCATTER * scatter_of_change(before.frozen, after.frozen)
     return not change.size or float(np.mean(change)) > chance - asked
