@@ -17,7 +17,6 @@ from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.system import System
 from sim.maths.elementary import COMPLEX_STEP
 
-_SLOPE = 1e-5  # of a parameter's size, for central differences
 _TERMS = 14  # of a Taylor series, to rounding
 _FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
 _AT_ONCE = 16_000  # numbers that are worked on together: more do not stay in a processor's cache
@@ -39,14 +38,6 @@ class DiscretisedNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseSlopes:
-    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for) that change it."""
-
-    of: tuple[int, ...]
-    motion: DiscretisedNoise
-
-
-@dataclass(frozen=True, eq=False)
 class Variation:
     """All parameters ``p`` and the factor ``scale`` on the declared process noise's standard deviation."""
 
@@ -59,30 +50,12 @@ Told = Callable[[np.ndarray], np.ndarray]
 
 def discretised_noise(problem: RecordProblem, states: np.ndarray, at: Variation) -> DiscretisedNoise:
     """Process noise about ``states (nx, K + 1)``; without any state where white noise reaches none."""
-    F, H, density, stationary = _linear_motion(problem, states, [at])
-    Phi, Q, start = _discrete_motion(problem, F, density, stationary)
+    F, H, density, stationary = linear_motion(problem, states, [at])
+    Phi, Q, start = discrete_motion(F, np.diff(problem.grid.nodes), density, stationary)
     return DiscretisedNoise(Phi[:, 0], Q[:, 0], H[:, 0], start[0])
 
 
-def noise_slopes(problem: RecordProblem, states: np.ndarray, at: Variation, moved: Sequence[tuple[Variation, Variation, float]]) -> NoiseSlopes:
-    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is left out.
-
-    ``moved`` holds for each quantity two variations and the distance between them: see ``slope_pairs``.
-    """
-    F, H, density, stationary = _linear_motion(problem, states, [at, *(end for low, high, _ in moved for end in (low, high))])
-    parts = (F, H, density[None])
-    of = tuple(i for i in range(len(moved)) if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts))
-    chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]  # the others would only be worked out to be the same
-    width = np.array([moved[i][2] for i in of])[:, None, None]
-
-    def slope(part: np.ndarray) -> np.ndarray:
-        return np.asarray((part[:, 2::2] - part[:, 1::2]) / width)
-
-    by_Phi, by_Q, start = _discrete_motion(problem, F[:, chosen], density[chosen], stationary, slope)
-    return NoiseSlopes(of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0]))
-
-
-def _linear_motion(
+def linear_motion(
     problem: RecordProblem, states: np.ndarray, variations: Sequence[Variation]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """F and H ``(B, V, ...)``, density ``(V, n)`` of V variations, of the n states that the first one's forcing reaches; which are stationary."""
@@ -100,30 +73,14 @@ def _linear_motion(
     return F[..., kept[:, None], kept], H[..., kept], density[:, kept], stationary
 
 
-def _discrete_motion(
-    problem: RecordProblem, F: np.ndarray, density: np.ndarray, stationary: np.ndarray, told: Told = np.asarray
+def discrete_motion(
+    F: np.ndarray, steps: np.ndarray, density: np.ndarray, stationary: np.ndarray, told: Told = np.asarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phi and Q ``(K or 1, V, n, n)`` over the node intervals, or what is ``told`` of them, and covariance at the start ``(V, n, n)``."""
+    """Phi and Q ``(K or 1, V, n, n)`` over node intervals, or what is ``told`` of them, and covariance at the start ``(V, n, n)``."""
     if F.shape[-1] == 0:
         return told(F), told(F), F[0]
-    Phi, Q = _over_steps(F, density, np.diff(problem.grid.nodes), told)
+    Phi, Q = _over_steps(F, density, steps, told)
     return Phi, Q, _stationary_spread(F[0], density, np.flatnonzero(stationary))
-
-
-def slope_pairs(at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool) -> list[tuple[Variation, Variation, float]]:
-    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then by the scale if wanted."""
-    pairs = []
-    for position, size in zip(positions, sizes, strict=True):
-        step, ends = _SLOPE * size, []
-        for sign in (-1.0, 1.0):
-            p = at.p.copy()
-            p[position] += sign * step
-            ends.append(Variation(p, at.scale))
-        pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
-    if scale:
-        step = _SLOPE * max(at.scale, 1.0)
-        pairs.append((Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step))
-    return pairs
 
 
 def _density(system: System, variation: Variation) -> np.ndarray:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.process_noise.discretised import Variation, discretised_noise, noise_slopes, slope_pairs
+from ident.process_noise.discretised import Variation, discretised_noise
+from ident.process_noise.noise_slopes import noise_slopes, slope_pairs
 from ident.process_noise.whitener import Filtered, Whitener, filtered, likelihood_slopes, whitener
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.linearise import Linearisation

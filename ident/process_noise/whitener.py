@@ -15,7 +15,8 @@ from ident.process_noise.associative_scan import advanced, combine_affine, combi
 from ident.process_noise.associative_scan import from_left as _left
 from ident.process_noise.associative_scan import from_right as _right
 from ident.process_noise.associative_scan import transposed as _turned
-from ident.process_noise.discretised import DiscretisedNoise, NoiseSlopes
+from ident.process_noise.discretised import DiscretisedNoise
+from ident.process_noise.noise_slopes import NoiseSlopes
 
 _CHUNK = 64
 _AT_ONCE = 800_000  # numbers of a covariance's slopes that are worked out together: more do not stay in a processor's cache

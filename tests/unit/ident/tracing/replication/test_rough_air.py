@@ -11,6 +11,7 @@ from ident.tracing import thresholds
 from ident.tracing.belief.evenness import is_even
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.loop import fit_declared, held_out_data
+from ident.tracing.replication import rough_air
 from ident.tracing.replication.rough_air import predicted, process_noise_that_stands
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.validation.held_out import HeldOutData
@@ -79,3 +80,12 @@ def test_what_cannot_be_asked_is_not_said() -> None:
     assert process_noise_that_stands(ledger, root, HeldOutData()) == (ledger, None)
     moved = ledger.problem.fit((ROUGH,), root, None, rough=True)
     assert moved is not None and process_noise_that_stands(ledger, moved, held) == (ledger, None)
+
+
+@pytest.mark.parametrize(("scatter", "stands"), [(0.01, False), (0.06, True)])
+def test_a_simulation_that_chance_makes_worse_is_held_against_no_turbulence(monkeypatch: pytest.MonkeyPatch, scatter: float, stands: bool) -> None:
+    """Derivatives of a fit in rough air differ from those without, and the gusts of one more record may favour the wrong ones."""
+    ledger, root, held = begun([rough(seed) for seed in (1, 2, 3)])
+    monkeypatch.setattr(rough_air, "changes", lambda before, after: np.array([0.15, 0.2, 0.1]))
+    monkeypatch.setattr(rough_air, "scatter_of_change", lambda before, after: scatter)
+    assert (process_noise_that_stands(ledger, root, held)[1] is not None) is stands
