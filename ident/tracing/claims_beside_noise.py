@@ -12,7 +12,8 @@ from ident.tracing.compared_sets import weighed
 from ident.tracing.diagnosis import Caution, Concern, Verdict
 from ident.tracing.found import Found
 from ident.tracing.name_probability import unlikely
-from ident.tracing.ranking import Choice, believable_choice
+from ident.tracing.ranking.choice import Choice
+from ident.tracing.ranking.near_sets import believable_choice
 from ident.tracing.replication.partial import Partial, as_partial, cross_validated
 from ident.tracing.replication.rough_air import process_noise_that_stands
 from ident.tracing.selection.backward import without_needless_background

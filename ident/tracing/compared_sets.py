@@ -9,7 +9,7 @@ from dataclasses import replace
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.belief.evenness import behind_gaps, is_uneven
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.ranking import Choice
+from ident.tracing.ranking.choice import Choice
 from ident.tracing.selection.ledger import Key, Ledger
 from ident.tracing.validation.held_out import HeldOutData, predicted_by
 from ident.tracing.weighed import ComparedSet

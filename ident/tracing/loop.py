@@ -15,7 +15,7 @@ from ident.tracing.claims_beside_noise import helpful, replicating, what_replica
 from ident.tracing.compared_sets import weighed
 from ident.tracing.diagnosis import Diagnosis, Verdict, Witness, silent
 from ident.tracing.found import Declared, Found
-from ident.tracing.ranking import believable_choice
+from ident.tracing.ranking.near_sets import believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
 from ident.tracing.replication.partial import on_other_samples
 from ident.tracing.result import Before, Outcome, reported

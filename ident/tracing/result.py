@@ -14,13 +14,13 @@ from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
+from ident.tracing.belief.form_spread import form_spread
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, FittedRecord, Prediction, Quantity, Trained, Verdict
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
 from ident.tracing.residual_structure import noise_floors
-from ident.tracing.selection.form_spread import form_spread
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.detection import final_spikes
 from ident.tracing.spikes.masks import held_out_masks, measured_masks, with_mended

@@ -15,7 +15,7 @@ from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities, records_of
 from ident.tracing.diagnosis import Caution, Claim, Concern, Verdict
 from ident.tracing.equivalents import same_by_value
-from ident.tracing.ranking import Choice, alternatives_of, is_ambiguous
+from ident.tracing.ranking.choice import Choice, alternatives_of, is_ambiguous
 from ident.tracing.validation.held_out import HeldOut, HeldOutData
 from ident.tracing.validation.whiteness import whiteness
 from ident.tracing.weighed import Ground, Weighed

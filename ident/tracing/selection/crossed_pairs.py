@@ -9,8 +9,9 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, never_together
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
+from ident.tracing.selection.acceptance import accepted
 from ident.tracing.selection.criterion import is_white
-from ident.tracing.selection.expansion import accepted, best_fit
+from ident.tracing.selection.expansion import best_fit
 from ident.tracing.selection.ledger import Ledger
 
 

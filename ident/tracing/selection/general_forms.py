@@ -19,9 +19,10 @@ from ident.tracing.diagnosis import Candidate, Step
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, collinear
 from ident.tracing.screening.stacked import Varying, screen_varying
+from ident.tracing.selection.acceptance import evidence_of
 from ident.tracing.selection.backward import freer_form
 from ident.tracing.selection.criterion import gain, is_coloured_throughout, is_white
-from ident.tracing.selection.expansion import best_fit, evidence_of, expand
+from ident.tracing.selection.expansion import best_fit, expand
 from ident.tracing.selection.ledger import Ledger
 from sim.declaration.effect import NoiseEffect
 

@@ -11,7 +11,7 @@ from ident.tracing.compared_sets import sets_compared, weighed
 from ident.tracing.diagnosis import Concern, Verdict
 from ident.tracing.loop import diagnose
 from ident.tracing.name_probability import SOMETHING_ELSE
-from ident.tracing.ranking import Choice
+from ident.tracing.ranking.choice import Choice
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out

@@ -10,7 +10,7 @@ import pytest
 from ident.tracing.diagnosis import Diagnosis, Quantity, Verdict
 from ident.tracing.equivalents import misfit_to_declared, same_by_value, told_by_declared
 from ident.tracing.loop import diagnose
-from ident.tracing.ranking import Choice
+from ident.tracing.ranking.choice import Choice
 from ident.tracing.validation.held_out import HeldOut
 from ident.tracing.verdict import claims_of
 from sim.declaration.model import Model

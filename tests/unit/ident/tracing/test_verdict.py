@@ -12,7 +12,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Concern, Verdict
-from ident.tracing.ranking import Choice
+from ident.tracing.ranking.choice import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
 from ident.tracing.validation.improvement import contradicted, hardly_better, no_better, room_for
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on

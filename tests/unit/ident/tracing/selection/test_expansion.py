@@ -7,7 +7,8 @@ import pytest
 
 from ident.tracing.candidate_model.fitted_model import FittedModel, never_together
 from ident.tracing.screening.score_test import Finding
-from ident.tracing.selection.expansion import _from_child, accepted, best_fit, near_absence
+from ident.tracing.selection.acceptance import _from_child, accepted
+from ident.tracing.selection.expansion import best_fit, near_absence
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation

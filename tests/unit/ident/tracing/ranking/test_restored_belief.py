@@ -9,7 +9,7 @@ import pytest
 from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.quantities import quantities
 from ident.tracing.equivalents import misfit_to_declared
-from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
+from ident.tracing.ranking.restored_belief import with_belief_restored, without_unbelievable
 from ident.tracing.selection.ledger import Ledger
 from sim.effects.sensor_path.accelerometer_offset import AccelerometerOffset
 from sim.effects.sensor_path.sensor_delay import SensorDelay

@@ -3,46 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Step
 from ident.tracing.equivalents import are_equivalent, told_by_declared
-from ident.tracing.restored_belief import with_belief_restored, without_unbelievable
-from ident.tracing.screening.context import search_context
+from ident.tracing.ranking.choice import Choice
+from ident.tracing.ranking.freer_form import in_freer_form
+from ident.tracing.ranking.restored_belief import with_belief_restored, without_unbelievable
 from ident.tracing.selection.backward import backward_elimination, refined
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.crossed_pairs import crossed_pairs
-from ident.tracing.selection.ledger import Key, Ledger, fit
+from ident.tracing.selection.ledger import Key, Ledger
 from ident.tracing.selection.near_aliases import equivalent_sets, guards_for_events, near_aliases
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, charged_cost, doubted, predicted_by
-from ident.tracing.weighed import ComparedSet
-from sim.declaration.effect import full_name
-from sim.declaration.proposal import Refinable, Traceable, fitted_to
 
 Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The set that is judged and what it does on data that were not fitted.
-
-    ``totals`` : criterion, ``misfits`` : twice the cost, of each set that was compared, by the names of its effects; with the cost of the
-    data that were not fitted where these take part. Empty where nothing was compared. ``sets`` : the same for the probability of names, with
-    others that the search passed. ``uneven`` : its process noise stands for what goes with the motion, ``behind_gaps`` for what missing rows
-    leave. ``idle`` : names that predict nothing.
-    """
-
-    best: FittedModel
-    out: HeldOut
-    totals: Mapping[Key, float] = field(default_factory=dict)
-    misfits: Mapping[Key, float] = field(default_factory=dict)
-    sets: tuple[ComparedSet, ...] = ()
-    uneven: bool = False
-    behind_gaps: bool = False
-    idle: tuple[str, ...] = ()
 
 
 def believable_choice(ledger: Ledger, best: FittedModel, held: HeldOutData) -> tuple[Ledger, Choice]:
@@ -76,7 +52,7 @@ def choose_among_near(ledger: Ledger, best: FittedModel, held: HeldOutData) -> t
         # What training itself does not explain, no held-out record will.
         return ledger, Choice(best, out)
     if held.choosing:
-        ledger, best, out = _in_freer_form(ledger, best, out, held)
+        ledger, best, out = in_freer_form(ledger, best, out, held)
     compared: Compared = {frozenset(best.names): (best, out)}
     # A name rests on what was put in its place, however much the search before it took.
     ledger, alike = near_aliases(ledger.renewed(thresholds.LEFT_FOR_ALIASES), best, settings.near)
@@ -165,39 +141,6 @@ def _likelier_cause(compared: Mapping[Key, FittedModel], totals: Mapping[Key, fl
     return best
 
 
-def alternatives_of(choice: Choice, guards: frozenset[str]) -> dict[str, tuple[str, ...]]:
-    """For each effect of a set the names that could stand in its place, two at most, the nearest first.
-
-    They explain the data as well, however many parameters they need for it: that they are dearer is a reason to name the other,
-    not to deny them.
-    """
-    mine = frozenset(choice.best.names)
-    reference = choice.misfits.get(mine)
-    found: dict[str, list[tuple[float, str]]] = {}
-    if reference is None:
-        return {}
-    for key, misfit in choice.misfits.items():
-        gone, come = mine - key, key - mine
-        if len(gone) == len(come) == 1 and misfit - reference < thresholds.ALTERNATIVE and not come & guards:
-            found.setdefault(next(iter(gone)), []).append((misfit - reference, next(iter(come))))
-    return {name: tuple(other for _, other in sorted(entries)[: thresholds.ALTERNATIVES_NAMED]) for name, entries in found.items()}
-
-
-def is_ambiguous(choice: Choice, guards: frozenset[str]) -> bool:
-    """Whether a set of one other effect explains all data that take part as well as the one chosen."""
-    mine = frozenset(choice.best.names)
-    reference = choice.totals.get(mine, 0.0)
-    return any(
-        total - reference < thresholds.AMBIGUOUS
-        and len(key) == len(mine)
-        and len(key - mine) == 1
-        and not key & guards
-        and not _one_sensor(choice.best, mine - key, key - mine)
-        for key, total in choice.totals.items()
-        if key != mine
-    )
-
-
 def _without_guard(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
     """A set of the library's effects alone, where one of the same size is as good but for noise: a guard must win, not tie."""
     if not best.guards:
@@ -224,35 +167,6 @@ def _of_fewer(ledger: Ledger, best: FittedModel) -> tuple[Ledger, FittedModel]:
     return refined(ledger, min(fewer, key=lambda fitted: fitted.criterion)) if fewer else (ledger, best)
 
 
-def _in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:
-    """The same causes in their freer forms, where data that were not fitted ask for it: other levels of input show more of a curve."""
-    if not doubted(out):
-        return ledger, best, out
-    effects = tuple(_freer(ledger, best, effect) for effect in best.effects)
-    if all(one is other for one, other in zip(effects, best.effects, strict=True)):
-        return ledger, best, out
-    known = {*best.values.shared, *best.values.own[0]}
-    absent = {full_name(effect, local): value for effect in effects for local, value in effect.absent.items()}
-    ledger, finer = fit(ledger, effects, best, {name: value for name, value in absent.items() if name not in known})
-    if finer is None:
-        return ledger, best, out
-    other = predicted_by(finer, held)
-    if other.informed is None or out.informed is None or other.informed.cost >= out.informed.cost or doubted(other):
-        return ledger, best, out
-    score = ledger.score(best)
-    ledger = ledger.replaced(finer, score)
-    sentence = "freer forms, for what the records that were not fitted show of them"
-    return ledger.told(Step(finer.names, score, finer.fit.log_likelihood, sentence)), finer, other
-
-
-def _freer(ledger: Ledger, best: FittedModel, effect: Traceable) -> Traceable:
-    """The freer form of an effect; of one that has none the form of its name that has, over the ranges flown; else itself."""
-    if isinstance(effect, Refinable):
-        return effect.finer()
-    others = [other for other in ledger.problem.candidates if other.name == effect.name and isinstance(other, Refinable)]
-    return fitted_to(others[0], search_context(best, ledger.problem.predicted)) if others else effect
-
-
 def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[FittedModel]:
     mine = frozenset(best.names)
     others = [
@@ -264,10 +178,3 @@ def _near(ledger: Ledger, best: FittedModel, within: float, most: int) -> list[F
         and (not key & ledger.problem.guards or are_equivalent(best, mine - key, key - mine))
     ]
     return sorted(others, key=lambda fitted: fitted.criterion)[:most]
-
-
-def _one_sensor(best: FittedModel, gone: Key, come: Key) -> bool:
-    """Whether two names are the lag and the delay of one sensor: one late sensor, described twice, under the same derivatives."""
-    if are_equivalent(best, gone, come):
-        return False
-    return any(come.intersection(effect.traits.twins) for effect in best.effects if effect.name in gone)

@@ -10,7 +10,9 @@ import pytest
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Concern, Verdict
-from ident.tracing.ranking import Choice, _freer, alternatives_of, believable_choice, choose_among_near, is_ambiguous
+from ident.tracing.ranking.choice import Choice, alternatives_of, is_ambiguous
+from ident.tracing.ranking.freer_form import _freer
+from ident.tracing.ranking.near_sets import believable_choice, choose_among_near
 from ident.tracing.selection.criterion import is_white
 from ident.tracing.selection.ledger import Ledger
 from ident.tracing.spikes.masks import measured_masks

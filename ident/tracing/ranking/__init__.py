@@ -1,0 +1,1 @@
+"""Sets that are near each other compared, and one of them chosen."""
