@@ -30,6 +30,7 @@ METHOD = "filter-error"
 __all__ = [
     "filter_error_estimate",
     "fit_filter_error",
+    "fit_under_held_noise",
     "fit_with_process_noise",
     "noise_levels",
     "noise_start",
@@ -189,6 +190,26 @@ def predictive_log_likelihood(
 
     Two models compare when both see the same records, masks and local parameters.
     """
+    fit = fit_under_held_noise(records, system, values, levels, settings, local=local, masks=masks, begin=begin)
+    return -np.inf if fit is None else fit.log_likelihood
+
+
+def fit_under_held_noise(
+    records: Sequence[Record],
+    system: System,
+    values: Mapping[str, float],
+    levels: Mapping[str, float],
+    settings: FitSettings | None = None,
+    *,
+    local: Collection[str] = (),
+    masks: Sequence[np.ndarray] | None = None,
+    begin: Sequence[Mapping[str, float]] = (),
+    freed: Collection[str] = (),
+) -> Fit | None:
+    """Fit what each record has of its own, all noise levels held; None where no cost is finite. Arguments as of ``predictive_log_likelihood``.
+
+    ``freed`` : parameters that each record then has of its own as well, fitted from ``values``: what one record says of them.
+    """
     own = {name for name in system.parameters.free_names if name.startswith("bias_") or name in local}
     parameters = system.parameters.with_values({name: value for name, value in values.items() if name in system.parameters}).only_free(own)
     held = replace(system, parameters=parameters)
@@ -204,7 +225,13 @@ def predictive_log_likelihood(
     # A first fit without process noise brings the trajectory near the record.
     plain = fit_whole_records(FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE))))
     if plain is None:
-        return -np.inf
+        return None
     noise_model = process_noise(held, levels, (), fixed=True, scale=levels.get(SCALE, 1.0))
     fit = fit_whole_records(FitProblem(replace(layout, start=plain.theta), noise_model), [line.states for line in plain.lines])
-    return -np.inf if fit is None else fit.log_likelihood
+    if fit is None or not freed:
+        return fit
+    released = replace(held, parameters=parameters.only_free({*own, *freed}))
+    whole = lay_out(records, released, settings, local=[*local, *freed], masks=masks)
+    known = dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))
+    start = np.array([known.get(name, old) for name, old in zip(whole.names, whole.start.tolist(), strict=True)])
+    return fit_whole_records(FitProblem(replace(whole, start=start), noise_model), [line.states for line in fit.lines])

@@ -8,17 +8,20 @@ hold what Student's t holds for as many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ident.estimate import Outcome
+from ident.process_noise.filter_error import fit_under_held_noise, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.replication.by_record import every_record
+from ident.tracing.replication.by_record import Flight, every_record
 from ident.tracing.validation.held_out import HeldOutData
+from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 
 TWO_SIGMA = 0.9772498680518208  # probability below two sigmas
@@ -39,24 +42,53 @@ class RecordScatter:
 def scatter_between_records(problem: TraceProblem, fitted: FittedModel, held: HeldOutData) -> RecordScatter:
     """Compare all records, fitted or held out: each has its derivatives for itself, the effects of the set are in common.
 
-    Nothing with one record, of which a held-out part is no second one, or with process noise.
+    Nothing with one record, of which a held-out part is no second one. With process noise each record is fitted by itself under the noise
+    levels and effects of all.
     """
     flight = every_record(problem, held)
     records = flight.records
     unpredictable = bool(held.records) and held.masks is None
-    if unpredictable or len({record.name for record in records}) < 2 or has_process_noise(fitted.system):
+    if unpredictable or len({record.name for record in records}) < 2:
         return RecordScatter()
     names = [name for name in fitted.values.shared if name in problem.model.parameters]
-    apart = flight.fit(fitted.effects, range(len(records)), None, fitted.values.shared, names)
-    if apart is None:
+    found = _one_by_one(flight, fitted, names) if has_process_noise(fitted.system) else _together(flight, fitted, names)
+    if found is None:
         return RecordScatter()
-    layout, count = apart.fit.layout, len(records)
-    at = [[layout.names.index(f"{name}, record {r + 1}") for r in range(count)] for name in names]
-    variance = np.maximum(np.diag(fit_covariance(apart.fit)[0]), 1e-300)
-    values, sigma = apart.fit.theta[np.array(at)], np.sqrt(variance[np.array(at)])
+    values, sigma = found
     factors = inflation(values, sigma)
-    spread = {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if count >= thresholds.FEWEST_RECORDS else {}
+    spread = (
+        {name: float(np.std(row, ddof=1)) for name, row in zip(names, values, strict=True)} if values.shape[1] >= thresholds.FEWEST_RECORDS else {}
+    )
     return RecordScatter(spread, dict(zip(names, factors.tolist(), strict=True)))
+
+
+def _together(flight: Flight, fitted: FittedModel, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Values and sigmas ``(n, records)`` of a fit of all records in which each has these parameters for itself."""
+    count = len(flight.records)
+    apart = flight.fit(fitted.effects, range(count), None, fitted.values.shared, names)
+    if apart is None:
+        return None
+    at = np.array([[apart.fit.layout.names.index(f"{name}, record {r + 1}") for r in range(count)] for name in names])
+    variance = np.maximum(np.diag(fit_covariance(apart.fit)[0]), 1e-300)
+    return apart.fit.theta[at], np.sqrt(variance[at])
+
+
+def _one_by_one(flight: Flight, fitted: FittedModel, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Values and sigmas ``(n, records)`` under the noise levels and effects of all, of the records that can be fitted so; None of fewer than two."""
+    own = [name for name in fitted.fit.layout.local if name in fitted.system.parameters and not name.startswith("bias_")]
+    levels, begun = noise_levels(fitted.fit), (*fitted.values.own, *({} for _ in flight.records))
+    settings = FitSettings(max_step=2.0 * flight.settings.max_step, iterations=20, tolerance=0.02, enough=0.1)
+    values, sigma = [], []
+    for record, mask, begin in zip(flight.records, flight.masks, begun, strict=False):
+        shared = fitted.values.shared
+        fit = fit_under_held_noise([record], fitted.system, shared, levels, settings, local=own, masks=[mask], begin=[begin], freed=names)
+        if fit is None or fit.outcome is not Outcome.CONVERGED:
+            continue
+        variance = np.maximum(np.diag(fit_covariance(fit)[0]), 1e-300)
+        at = [fit.layout.names.index(name) for name in names]
+        values.append(fit.theta[at])
+        sigma.append(np.sqrt(variance[at]))
+    return (np.transpose(values), np.transpose(sigma)) if len(values) > 1 else None
 
 
 def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:

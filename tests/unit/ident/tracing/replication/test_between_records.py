@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.tracing.replication.between_records import inflation
+from ident.tracing.loop import fit_declared, held_out_data
+from ident.tracing.replication.between_records import inflation, scatter_between_records
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
+from sim.maneuvers.steps import doublet, sequence, three_two_one_one
+from sim.record import Record
+from sim.truth.flight import fly, sample_times
+from tests.bases import rigid_model
+from tests.tracing_problem import problem_of
+
+ROUGH = GustTurbulence()
 
 
 def test_two_grown_sigmas_hold_the_mean_whatever_the_number_of_records() -> None:
@@ -51,3 +63,26 @@ def test_growth_knows_no_unit_and_never_shrinks(count: int, rows: int, seed: int
     factors = inflation(values, sigma)
     assert np.all(factors >= 1.0) and np.all(np.isfinite(factors))
     assert np.allclose(inflation(unit * values + 3.0 * unit, unit * sigma), factors)
+
+
+def in_rough_air(seed: int, Cm_q: float) -> Record:
+    """A flight in turbulence as the filter knows it, of an aircraft with this pitch damping."""
+    model = rigid_model().with_effects(ROUGH).with_values({"gust-turbulence.sigma": 0.5, "gust-turbulence.length": 250.0, "Cm_q": Cm_q})
+    maneuver = sequence([three_two_one_one(0.06, 0.5), doublet(0.03, 1.0), doublet(0.06, 0.5)], 2.0, start=1.0)
+    record, _ = fly(model, maneuver, sample_times(20.0, 50.0), np.random.default_rng((seed, 7)), step=0.02)
+    return replace(record, name=f"flight {seed}")
+
+
+@pytest.mark.parametrize(("apart", "low", "high"), [(0.0, 1.0, 1.8), (0.5, 3.0, 30.0)])
+def test_records_differ_in_rough_air_as_their_derivatives_do(apart: float, low: float, high: float) -> None:
+    """Innovations of one record, white or not, do not tell that the pitch damping of the next one is another."""
+    damping = float(rigid_model().parameters["Cm_q"].value)
+    records = [in_rough_air(seed, damping * (1.0 + apart * side)) for seed, side in ((1, -1.0), (2, 0.0), (3, 1.0))]
+    done = fit_declared(problem_of(records[:2], [ROUGH]))
+    held = held_out_data(done, records[2:])
+    fitted = done.ledger.problem.fit((ROUGH,), done.root)
+    assert fitted is not None
+    found = scatter_between_records(done.ledger.problem, fitted, held)
+    assert set(found.inflation) == {"CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"}
+    assert low <= found.inflation["Cm_q"] <= high
+    assert found.scatter["Cm_q"] > 0.15 * abs(damping) if apart else found.scatter["Cm_q"] < 0.15 * abs(damping)
