@@ -126,14 +126,16 @@ def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
 
 def in_rough_air(ledger: Ledger, found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:
     """Process noise claimed where it stands by one-step predictions; else the judgement as it is."""
-    ledger, fitted = process_noise_that_stands(ledger, found.base, found.held)
-    if fitted is None and found.base is not found.root:
+    ledger, rough = process_noise_that_stands(ledger, found.base, found.held)
+    if rough is None and found.base is not found.root:
         # A slow gust looks like a phugoid to a search that knows no gusts.
-        ledger, fitted = process_noise_that_stands(ledger, found.root, found.held)
-    if fitted is None:
+        ledger, rough = process_noise_that_stands(ledger, found.root, found.held)
+    if rough is None:
         return ledger, judgement
+    fitted, noise = rough.fitted, rough.fitted.effects[-1].name
     spikes = tuple(replace(spike, claimed=False) for spike in found.spikes)
-    claims = (*claims_of(ledger.problem, Choice(fitted, HeldOut(None, None))), *spikes)
+    named = claims_of(ledger.problem, Choice(fitted, HeldOut(None, None)))
+    claims = (*(replace(claim, one_step_gains=rough.gains) if claim.name == noise else claim for claim in named), *spikes)
     tests = residual_tests(fitted, HeldOut(None, None), found.held)
     left = tuple(not_noise(tests.all, ledger.problem.settings.white))
     return ledger, Judgement(Verdict.PARTIAL, fitted, predicted_by(fitted, found.held, informed=False), claims, tests, left)

@@ -111,6 +111,7 @@ class Claim:
     ``records`` numbers those it acts on (from 0) where it does not act on all. ``evidence`` is there where it was cross-validated.
     ``derivatives_under`` : the declared parameters with it, and with each alternative in its place, by effect name; empty without any.
     ``probability`` that it acts, each that could take its place, and something else, by name; empty of hints. ``weighed`` : what that rests on.
+    ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of each record that was not fitted, where that decided.
     """
 
     name: str
@@ -123,6 +124,7 @@ class Claim:
     derivatives_under: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
     probability: Mapping[str, float] = field(default_factory=dict)
     weighed: Weighed | None = None
+    one_step_gains: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

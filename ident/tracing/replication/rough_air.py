@@ -43,7 +43,15 @@ class Predicted:
         return self.by_process_noise / self.by_any_colour if self.by_any_colour > 0.0 else 0.0
 
 
-def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, FittedModel | None]:
+@dataclass(frozen=True, eq=False)
+class RoughAir:
+    """A set whose last effect is process noise that stands, and by how much it raises the log likelihood of each record that was not fitted."""
+
+    fitted: FittedModel
+    gains: tuple[float, ...]
+
+
+def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutData) -> tuple[Ledger, RoughAir | None]:
     """The declared model, with what any record may have, and process noise; None where that does not stand, or nothing could tell.
 
     ``base`` : fitted to the training records. ``held`` : the others, on which it is judged.
@@ -73,7 +81,7 @@ def process_noise_that_stands(ledger: Ledger, base: FittedModel, held: HeldOutDa
             told = ", ".join(f"{gain.by_process_noise:.0f}" for gain in gains)
             sentence = f"{effect.name} raises the log likelihood of one-step predictions on records not fitted by {told}"
             step = Step(fitted.names, fitted.criterion, fitted.fit.log_likelihood, sentence)
-            return ledger.kept(fitted, fitted.criterion).told(step), fitted
+            return ledger.kept(fitted, fitted.criterion).told(step), RoughAir(fitted, tuple(float(gain.by_process_noise) for gain in gains))
     return ledger, None
 
 

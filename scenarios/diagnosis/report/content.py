@@ -114,6 +114,7 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
     }
     out |= {} if claim.claimed else {"claimed": False}
     out |= {"probability": shown_probability(claim)} if claim.probability else {}
+    out |= {"one_step_gains": list(claim.one_step_gains)} if claim.one_step_gains else {}
     out |= {"records": list(claim.records)} if claim.records else {}
     out |= {"derivatives_under": {member: quantities(each) for member, each in claim.derivatives_under.items()}} if claim.derivatives_under else {}
     out |= {"evidence": _evidence(claim.evidence, records)} if claim.evidence is not None else {}

@@ -136,8 +136,11 @@ def headline(tracing: Tracing) -> str:
     if proven:
         parts = ["; ".join([group_sentence(claim, wording), *evidence_sentences(claim)]) for claim in proven]
         parts = [group_sentence(claim, wording) for claim in claimed if claim.evidence is None] + parts
-    error = _error_phrase(tracing)
-    if error and not proven:
+    error, rough = _error_phrase(tracing), [claim for claim in claimed if claim.one_step_gains]
+    if rough:
+        # The history of gusts is not known: no free simulation can tell of them, and none has judged.
+        parts.append("; ".join(one_step_phrase(claim, tracing) for claim in rough))
+    elif error and not proven:
         parts.append(f"with that, {error}")
     name = _most_moved(d)
     if name:
@@ -216,6 +219,12 @@ def _untouched(tracing: Tracing) -> str:
     if d.verdict is Verdict.CONSISTENT:
         return f"the declared model stands; {_error_phrase(tracing)}"
     return f"no effect is named; {_error_phrase(tracing)}"
+
+
+def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
+    """What a claim is worth that was judged by predictions of one step."""
+    gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
+    return f"with that, the log likelihood of one-step predictions rises by {gains} on {where_predicted(tracing)}"
 
 
 def _error_phrase(tracing: Tracing) -> str:

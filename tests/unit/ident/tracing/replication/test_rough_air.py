@@ -46,13 +46,15 @@ def begun(records: Sequence[Record]) -> tuple[Ledger, FittedModel, HeldOutData]:
 
 def test_rough_air_stands_although_what_it_leaves_is_not_white() -> None:
     ledger, root, held = begun([rough(seed) for seed in (1, 2, 3)])
-    after, fitted = process_noise_that_stands(ledger, root, held)
-    assert fitted is not None and fitted.names == (ROUGH.name,)
+    after, found = process_noise_that_stands(ledger, root, held)
+    assert found is not None and found.fitted.names == (ROUGH.name,)
+    fitted = found.fitted
     assert fitted.values.shared["gust-turbulence.sigma"] == pytest.approx(1.5, rel=0.5)
     assert "one-step predictions on records not fitted" in after.steps[-1].sentence
     assert after.evidence[-1].remark.startswith("one-step predictions bring")
     gain = predicted(fitted, held.declared.frozen)  # type: ignore[arg-type]
     assert gain.share > thresholds.SHARE_OF_ANY_COLOUR and gain.by_process_noise > 100.0
+    assert found.gains == (gain.by_process_noise,)
 
 
 def test_colour_of_each_channel_by_itself_is_no_rough_air() -> None:

@@ -35,6 +35,16 @@ def test_headline_says_what_where_how_sure_and_what_follows() -> None:
     )
 
 
+def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> None:
+    tracing = tracing_of(Verdict.PARTIAL)
+    gust = Claim("gust-turbulence", {"sigma": Quantity(2.1, 0.2, "m/s"), "length": Quantity(393.0, 79.0, "m")}, one_step_gains=(1139.6,))
+    tracing = replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(gust,)))
+    told = headline(tracing)
+    assert "with that, the log likelihood of one-step predictions rises by 1140 on the held-out record" in told
+    assert " error " not in told and "->" not in told
+    assert diagnosis_content(tracing)["effects"][0]["one_step_gains"] == [1139.6]
+
+
 @pytest.mark.parametrize(
     ("name", "others", "words"),
     [
