@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
@@ -72,18 +71,6 @@ class Quantity:
     value: float
     std: float
     unit: str
-
-
-class Witness(Protocol):
-    """What speaks of effects by other means than the model: of an effect's name and local parameters.
-
-    Called, it says 1 for the effect, -1 against it, 0 not at all; ``evidence`` is the log likelihood by which it does. ``prepare`` tells it
-    that it is likely to be asked.
-    """
-
-    def prepare(self) -> None: ...
-    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int: ...
-    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -257,19 +244,3 @@ class Diagnosis:
     def __repr__(self) -> str:
         named = ", ".join(claim.name for claim in self.effects if claim.claimed) or "no effect claimed"
         return f"<Diagnosis: {self.verdict.value}, {named}, {len(self.fitted)} records fitted and {len(self.predictions)} predicted>"
-
-
-class Silent:
-    """A witness that says nothing."""
-
-    def prepare(self) -> None:
-        """Nothing takes time."""
-
-    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
-        return 0
-
-    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
-        return 0.0
-
-
-silent = Silent()

@@ -13,7 +13,7 @@ from ident.tracing.candidate_model.fitted_model import belongs_to_record
 from ident.tracing.candidate_model.problem import TraceProblem, untold
 from ident.tracing.claims_beside_noise import helpful, replicating, what_replicates, without_unlikely
 from ident.tracing.compared_sets import weighed
-from ident.tracing.diagnosis import Diagnosis, Verdict, Witness, silent
+from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.found import Declared, Found
 from ident.tracing.ranking.near_sets import believable_choice
 from ident.tracing.replication.between_records import RecordScatter, scatter_between_records
@@ -30,6 +30,7 @@ from ident.tracing.settings import TraceSettings
 from ident.tracing.spikes.masks import cleaned_inputs, held_out_masks, measured_masks, mended_inputs, spike_claims, spike_masks
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out, with_held_out_change
 from ident.tracing.verdict import Judgement, judge, residual_tests
+from ident.tracing.witness import Witness, silent
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.errors import ModelError

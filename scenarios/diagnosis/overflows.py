@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ident.tracing.diagnosis import Diagnosis, Witness
+from ident.tracing.diagnosis import Diagnosis
 from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, fit_set, start_from
-from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.settings import TraceSettings
+from ident.tracing.witness import Witness, silent
 from ident.whole_record.layout import FitSettings
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

@@ -11,9 +11,10 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, Values, belongs_to_record, fit_set
 from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.candidate_model.quantities import quantities_with, sigmas_from_absence, squared_distance
-from ident.tracing.diagnosis import Quantity, Witness, silent
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.settings import TraceSettings
 from ident.tracing.validation.held_out import HeldOutData
+from ident.tracing.witness import Witness, silent
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.declaration.effect import full_name

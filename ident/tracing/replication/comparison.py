@@ -9,12 +9,12 @@ import numpy as np
 
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Witness, silent
 from ident.tracing.equivalents import misfit_to_declared
 from ident.tracing.replication.by_record import Replication, most_telling
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.score_test import Finding, collinear
 from ident.tracing.weighed import ComparedSet
+from ident.tracing.witness import Witness, silent
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 
