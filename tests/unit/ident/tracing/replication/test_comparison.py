@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.diagnosis import Quantity, Silent
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.replication.by_record import Flight, Replication
 from ident.tracing.replication.comparison import CrossValidation, choose
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.validation.held_out import held_out
+from ident.tracing.witness import Silent
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.tracing import thresholds
-from ident.tracing.diagnosis import Quantity, Silent
+from ident.tracing.diagnosis import Quantity
 from ident.tracing.replication import one_round
 from ident.tracing.replication.by_record import Flight, Replication
 from ident.tracing.replication.comparison import CrossValidation
@@ -18,6 +18,7 @@ from ident.tracing.replication.error_reduction import Reduction
 from ident.tracing.replication.weighing import Trial, _replicates, left_out, try_out, weigh
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
+from ident.tracing.witness import Silent
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.sensor_path.sensor_delay import SensorDelay
