@@ -50,12 +50,18 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 def degenerate(fit: Fit) -> bool:
     """Whether the noise level of a measured output has run to its limit, or to the rounding of its samples."""
+    return bool(levels_at_limit(fit))
+
+
+def levels_at_limit(fit: Fit) -> tuple[str, ...]:
+    """The outputs of which a fit knows no noise level: it has run to its limit, or to the rounding of their samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
     own = fit.theta[len(fit.theta) - len(noise_model.names) :][:count]
     low = np.maximum(noise_model.low[:count], np.sqrt(fit.layout.smallest[list(noise_model.estimated)]))
-    return bool(np.any((own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])))
+    lost = (own <= AT_ITS_LIMIT * low) | (own * AT_ITS_LIMIT >= noise_model.high[:count])
+    return tuple(noise_model.outputs[i] for i, gone in zip(noise_model.estimated, lost, strict=True) if gone)
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:

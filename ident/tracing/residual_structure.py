@@ -12,6 +12,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.statistics.sensor_noise import sensor_noise, used_runs
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
+from ident.whole_record.gauss_newton import Fit
 
 LARGEST = 1e30  # what a residual that has run away counts as: its square is finite
 
@@ -89,6 +90,13 @@ def noise_floors(fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], 
         found = sensor_noise(runs)
         out[name] = min(levels[name], found) if found is not None else levels[name]
     return out
+
+
+def noise_shown(fit: Fit, name: str) -> float | None:
+    """Sensor noise that high frequencies of a fit's residuals of one output show; None where they tell none."""
+    i = fit.layout.system.output_names.index(name)
+    each = zip(fit.layout.problems, fit.residuals, strict=True)
+    return sensor_noise([run for problem, residual in each for run in used_runs(problem.record.time, residual[i], problem.valid[i])])
 
 
 @dataclass(frozen=True, eq=False)

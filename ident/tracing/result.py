@@ -1,4 +1,4 @@
-"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures, what was fitted and predicted, or is later."""
+"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures, what was fitted and predicted."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.characteristics import Characteristics, characteristics
 from ident.flying_qualities.modal import MODAL_UNITS, modal_estimate
+from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import filter_error_estimate, noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.belief.form_spread import form_spread
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, FittedRecord, Prediction, Quantity, Trained, Verdict
+from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Prediction, Quantity, Verdict
+from ident.tracing.later_record import spike_masks_of
 from ident.tracing.name_probability import with_probabilities
 from ident.tracing.replication.between_records import RecordScatter
-from ident.tracing.residual_structure import noise_floors
+from ident.tracing.residual_structure import noise_floors, noise_shown
 from ident.tracing.selection.ledger import Ledger
-from ident.tracing.spikes.detection import final_spikes
-from ident.tracing.spikes.masks import held_out_masks, measured_masks, with_mended
+from ident.tracing.spikes.masks import measured_masks
 from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.held_out import HeldOutData, frozen_on
+from ident.tracing.validation.held_out import HeldOutData
 from ident.tracing.verdict import Judgement
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.output_error import estimate_of
 from sim.declaration.effect import DynamicsEffect
-from sim.declaration.model import Model
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
@@ -113,9 +113,10 @@ def reported(
         return form_spread(problem, fitted) if judgement.verdict is not Verdict.UNEXPLAINED else {}
 
     under = _derivatives(problem, best, inflation, spread(best))
-    levels = {name: std for name, std in noise_levels(best.fit).items() if name in channels}
+    every_level = _noise_levels(root, best)
+    levels = {name: std for name, std in every_level.items() if name in channels}
     fitted = tuple(
-        FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r), problem.masks[r])
+        FittedRecord(record, best.system.output_names, root.fit.residuals[r], _in_units(best, r, every_level), problem.masks[r])
         for r, record in enumerate(problem.records)
     )
     claims = with_probabilities(judgement.claims, problem.twins)
@@ -159,16 +160,6 @@ def _shown_masks(problem: TraceProblem, channels: Sequence[str], shown: Sequence
         masks = spike_masks_of(fit, masks)
     rows = [problem.outputs.index(name) for name in channels]
     return [mask[rows] for mask in masks]
-
-
-def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Validity of held-out samples with isolated spikes set aside, for error figures only."""
-    system = fit.layout.system
-    every = zip(masks, fit.layout.problems, fit.lines, strict=True)
-    everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
-    blocked = [np.zeros(residual.shape[1], dtype=bool) for residual in everything]
-    kept, _ = final_spikes([], system.output_names, everything, list(masks), blocked)
-    return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
 
 
 def _derivatives(
@@ -222,35 +213,16 @@ def _estimate(fitted: FittedModel) -> Estimate:
     return filter_error_estimate(fitted.fit) if has_process_noise(fitted.system) else estimate_of(fitted.fit)
 
 
-def _in_units(fitted: FittedModel, r: int) -> np.ndarray:
+def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
+    """Measurement noise by output; where a fit with process noise lost it, what high frequencies of the declared model's residual show."""
+    levels = noise_levels(best.fit)
+    for name in levels_at_limit(best.fit) if has_process_noise(best.system) else ():
+        levels[name] = noise_shown(root.fit, name) or levels[name]
+    return levels
+
+
+def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.ndarray:
     """Residuals in the outputs' units; innovations, which have variance one, times the noise of their output."""
     if not has_process_noise(fitted.system):
         return fitted.fit.residuals[r]
-    levels = noise_levels(fitted.fit)
     return fitted.fit.residuals[r] * np.array([levels[name] for name in fitted.system.output_names])[:, None]
-
-
-@dataclass(frozen=True, eq=False)
-class Predicted:
-    """The free simulations before and after, and their errors; ``finite`` False where what was found cannot be simulated on this record."""
-
-    prediction: Prediction
-    before: ErrorFigures
-    after: ErrorFigures
-    finite: bool
-
-
-def predict(before: Trained, after: Trained, declared: Model, record: Record, spiked: Sequence[str] = ()) -> Predicted:
-    """Predict a record with the declared model as fitted, and with the effects found.
-
-    All is frozen but initial states, biases and events. ``declared`` has its biases, prepared as for the fit; ``spiked`` inputs are mended.
-    """
-    outputs = after.outputs
-    mended = [with_mended(record, spiked)]
-    masks = held_out_masks(frozen_on(before, declared, mended, None), mended, outputs)
-    fits = [frozen_on(trained, declared, mended, masks).frozen for trained in (before, after)]
-    channels = tuple(name for name in outputs if name in record.output_names)
-    rows = [prediction(fit, 0, record, channels) for fit in fits]
-    (counted,) = spike_masks_of(fits[1], measured_masks([record], outputs)) if fits[1] is not None else measured_masks([record], outputs)
-    figures = [error_figures([row], [record], [counted[[*map(outputs.index, channels)]]], channels) for row in rows]
-    return Predicted(Prediction(record, channels, rows[0], rows[1]), figures[0], figures[1], fits[1] is not None)

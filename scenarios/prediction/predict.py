@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures
-from ident.tracing.result import predict
+from ident.tracing.later_record import predict
 from scenarios.diagnosis.candidates import checked_effects, read_effects
 from scenarios.files.channel_names import CHANNEL_UNITS
 from scenarios.files.channels import read_channel_map

@@ -9,7 +9,7 @@ import pytest
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise import filter_error
-from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start
+from ident.process_noise.best_start import absurd_sigmas, fit_from_best_start, levels_at_limit
 from ident.process_noise.filter_error import fit_filter_error
 from ident.process_noise.filter_error_fit import third_differences
 from ident.whole_record.layout import FitSettings, lay_out
@@ -84,6 +84,16 @@ def test_a_sensor_that_stands_still_is_degenerate_with_a_filter() -> None:
     stuck = with_alpha(record, np.full(len(record), 0.01))
     estimate = fit_filter_error([stuck], compile_model(rough_model()), FitSettings(0.02), calm=compile_model(calm_model()))
     assert estimate.outcome is Outcome.DEGENERATE
+
+
+def test_the_output_whose_level_was_lost_is_told_by_name() -> None:
+    record = noisy(rigid_model(), rigid_flight(6.0, 50.0), np.random.default_rng(3))
+    computed = with_alpha(record, fly(compile_model(rigid_model()), rigid_flight(6.0, 50.0))[0])
+    found = [
+        fit_from_best_start(lay_out([one], compile_model(rough_model()), FitSettings(0.02)), compile_model(calm_model()))
+        for one in (record, computed)
+    ]
+    assert [levels_at_limit(fit) for fit in found if fit is not None] == [(), ("alpha",)]
 
 
 def test_a_sigma_below_what_the_samples_can_give_is_absurd() -> None:

@@ -7,8 +7,10 @@ import pytest
 
 from ident.tracing import thresholds
 from ident.tracing.diagnosis import FittedRecord
-from ident.tracing.residual_structure import Leftover, left_over
+from ident.tracing.loop import fit_declared
+from ident.tracing.residual_structure import Leftover, left_over, noise_shown
 from sim.record import Channel, Hold, Record
+from tests.tracing_problem import planted, problem_of, with_output
 
 RATE = 40.0
 
@@ -109,6 +111,17 @@ def test_samples_that_were_set_aside_are_left_out() -> None:
     used[100:110] = False
     wild = np.where(used, residual, 1e3)
     assert described(fitted_record(wild, np.ones(500), used=used)).rms == pytest.approx(float(residual[used].std()), rel=1e-9)
+
+
+def test_noise_is_shown_under_a_slow_residual() -> None:
+    """A drift of the pitch rate that the model lacks, twenty times its noise: what samples in a row scatter by is still the noise."""
+    records = [
+        with_output(record, "q", record["q"].values + 0.04 * np.sin(0.4 * record.time)) for record in (planted([], None, 1), planted([], None, 2))
+    ]
+    root = fit_declared(problem_of(records, [])).root
+    shown = noise_shown(root.fit, "q")
+    assert shown is not None and np.sqrt(root.fit.variance[1]) > 5.0 * shown
+    assert shown == pytest.approx(0.002, rel=0.3)  # as the model declares it
 
 
 def test_nothing_is_said_of_too_little() -> None:
