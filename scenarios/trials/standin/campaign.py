@@ -15,7 +15,7 @@ from scenarios.trials.marks.rates import Marks, hidden_label
 from scenarios.trials.repeated import LoopFlights
 from scenarios.trials.scoring import Share, same_fault, share_of_flights, share_within_flights
 from scenarios.trials.standin.declaration import StandIn
-from scenarios.trials.standin.pseudo_true import PseudoTrue, pseudo_true
+from scenarios.trials.standin.pseudo_true import PseudoTrue, has_limit, pseudo_true
 from scenarios.trials.standin.study import Naming, Progress, StandInStudy, acts, run_standin
 from sim.declaration.proposal import Curve
 from sim.errors import FlightidError
@@ -95,9 +95,11 @@ def claimed_model(study: StandInStudy) -> dict[str, Quantity]:
 
 
 def reference(study: StandInStudy) -> PseudoTrue | None:
-    """Pseudo-true values of the declared model with what was claimed; None where it cannot be fitted."""
+    """Pseudo-true values of the declared model with what was claimed; None where it cannot be fitted, to one flight or to many (``has_limit``)."""
     claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects if c.claimed}
     rng = np.random.default_rng((SPREAD, study.seed))
+    if not has_limit(study.flight.drawn, claims):
+        return None
     try:
         found = {name: quantity.value for name, quantity in claimed_model(study).items()}
         return pseudo_true(study.flight.drawn, claims, study.standin.draws, rng, len(study.tracing.records), found)

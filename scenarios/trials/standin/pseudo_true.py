@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +84,15 @@ def pseudo_true(
     std = np.sqrt(np.diag(joint.covariance))
     values = dict(zip(joint.names, joint.point.shared.tolist(), strict=True))
     return PseudoTrue(values, dict(zip(joint.names, std.tolist(), strict=True)), nominal)
+
+
+def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
+    """Whether what was claimed can be fitted to many flights: not where random forcing or what belongs to one record was fitted, too.
+
+    Without it the same derivatives tend to other values. Isolated samples only set samples aside.
+    """
+    left_out = [name for name in claimed if _effect(drawn, name, {}) is None]
+    return all(find_effect(name, drawn.declared.equations).regularity is Regularity.OUTLIER for name in left_out)
 
 
 def _carried(point: Point, draws: int, records: int) -> Point:

@@ -13,7 +13,7 @@ from scenarios.trials.standin.fitting import declared_model, estimated, fitted
 from scenarios.trials.standin.flights.drawing import SPEED, Dominant, Drawn, draw, hiding
 from scenarios.trials.standin.flights.flying import fly_drawn, fly_draws
 from scenarios.trials.standin.joint_fit import fit_together
-from scenarios.trials.standin.pseudo_true import pseudo_true
+from scenarios.trials.standin.pseudo_true import has_limit, pseudo_true
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.effects.library import find_effect
@@ -123,6 +123,20 @@ def test_where_the_fit_starts_does_not_matter() -> None:
     other = pseudo_true(drawn, {}, 4, np.random.default_rng(8), starts={name: 0.7 * value for name, value in first.nominal.items()})
     for name, value in first.values.items():
         assert abs(other.values[name] - value) < 0.1 * first.std[name], name
+
+
+@pytest.mark.parametrize(
+    ("claimed", "known"),
+    [
+        ((), True),
+        (("sensor-delay:q", "moment-nonlinearity", "sensor-spikes:q"), True),
+        (("gust-turbulence",), False),
+        (("sensor-delay:q", "phugoid"), False),
+        (("speed-variation",), False),
+    ],
+)
+def test_flights_tend_to_no_value_where_what_belongs_to_one_record_was_fitted(claimed: tuple[str, ...], known: bool) -> None:
+    assert has_limit(plan(), claimed) is known
 
 
 @pytest.mark.slow
