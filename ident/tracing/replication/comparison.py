@@ -61,6 +61,7 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     best = min(equals, key=lambda item: (-said.get(id(item), 0), item.finding.parameters, item.reduction.total))
     # Between those that no record tells apart the declared derivatives choose, which is beyond any witness of the same record.
     best = min((item for item in equals if item is best or item.effect.name in best.effect.traits.equivalents), key=_from_declared)
+    standing, equals, results = (_one_form_each(items, best) for items in (standing, equals, results))
     # One and the same signature does as well under another name, too, where only its values by record differ, or where it falls just short
     # of what is worth a claim.
     tried = [item for item in results if not item.stands and (item.replication.values or _falls_just_short(item))]
@@ -70,6 +71,14 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     others = sorted((item for item in (*equals, *close, *alike) if item is not best), key=lambda item: item.reduction.total)
     rivals = [item for item in (*standing, *alike, *guards) if item is not best and item.reduction.total < 0.0]
     return CrossValidatedEffect(best, tuple(others), (_compared(best, best), *(_compared(item, best) for item in rivals)))
+
+
+def _one_form_each(items: Sequence[CrossValidation], best: CrossValidation) -> list[CrossValidation]:
+    """Of several forms of one effect the one that does best, and of ``best`` itself no other: forms are no alternatives to each other."""
+    kept: dict[str, CrossValidation] = {}
+    for item in sorted(items, key=lambda item: (item is not best, not item.stands, item.reduction.total)):
+        kept.setdefault(item.effect.name, item)
+    return [item for item in items if item is best or (item.effect.name != best.effect.name and kept[item.effect.name] is item)]
 
 
 def _compared(item: CrossValidation, best: CrossValidation) -> ComparedSet:

@@ -18,6 +18,7 @@ from ident.tracing.replication.weighing import judged, left_out, try_out
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import Finding, screen
 from ident.tracing.selection.expansion import only_beside_another
+from ident.tracing.selection.ledger import form_of
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 
@@ -69,17 +70,17 @@ def _with_fitted(
     ``base`` is the search's fit of the same set, ``known`` has one effect more.
     """
     least = tried[-1].gain if tried else 0.0
-    here = {f.effect.name: f for f in screened if not any(never_together(effect, f.effect) for effect in fitted.effects)}
-    out, further = {finding.effect.name: finding for finding in tried}, []
+    here = {form_of(f.effect): f for f in screened if not any(never_together(effect, f.effect) for effect in fitted.effects)}
+    out, further = {form_of(finding.effect): finding for finding in tried}, []
     for child in known:
         added = [effect for effect in child.effects if effect.name not in base.names]
         if len(added) != 1 or len(child.effects) != len(base.effects) + 1 or not acts_all_along(added[0]):
             continue
-        name, brought = added[0].name, base.fit.cost - child.fit.cost
-        if name in here and brought > here[name].gain:
-            finding = replace(here[name], starts=(shared_start(child, added[0]), *here[name].starts))
-            if name in out:
-                out[name] = finding
+        form, brought = form_of(added[0]), base.fit.cost - child.fit.cost
+        if form in here and brought > here[form].gain:
+            finding = replace(here[form], starts=(shared_start(child, added[0]), *here[form].starts))
+            if form in out:
+                out[form] = finding
             elif brought > least:
                 further.append((brought, finding))
     best = sorted(further, key=lambda item: -item[0])[: thresholds.FOUND_IN_FULL]

@@ -98,11 +98,11 @@ class Ledger:
 
     def knows_plain(self, plain: Traceable, finer: Traceable) -> Ledger:
         """With the plain form of an effect known."""
-        return replace(self, freed={**self.freed, _form(finer): plain})
+        return replace(self, freed={**self.freed, form_of(finer): plain})
 
     def plain_form(self, effect: Traceable) -> Traceable:
         """The form from which an effect was made freer; itself where it was not."""
-        return self.freed.get(_form(effect), effect)
+        return self.freed.get(form_of(effect), effect)
 
     def marked(self, key: Key) -> Ledger:
         """With a set marked as extended."""
@@ -113,7 +113,8 @@ class Ledger:
         return replace(self, steps=(*self.steps, *steps), evidence=(*self.evidence, *evidence))
 
 
-def _form(effect: Traceable) -> Form:
+def form_of(effect: Traceable) -> Form:
+    """What tells the forms of one effect apart: its name and its free parameters."""
     return effect.name, frozenset(free_names(effect))
 
 

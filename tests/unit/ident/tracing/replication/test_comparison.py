@@ -18,6 +18,7 @@ from ident.tracing.witness import Silent
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
 from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.sensor_path.sensor_delay import SensorDelay
@@ -111,3 +112,14 @@ def test_what_does_as_well_as_the_one_that_is_named_is_told_though_a_dearer_one_
         item.finding.contribution[:] = np.eye(3)[apart]
     chosen = choose([curve, named, other])
     assert chosen is not None and chosen.best is named and [item.effect.name for item in chosen.others] == [MOMENT_NONLINEARITY.name, SCALED.name]
+
+
+def test_another_form_of_the_best_is_no_alternative_to_it(late: Flight) -> None:
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    best, other = standing(ControlNonlinearity(), fitted, before, 0.5), standing(ControlWeakening(), fitted, before, 0.505)
+    chosen = choose([best, other, standing(SCALED, fitted, before, 0.502)])
+    assert chosen is not None and len({chosen.best.effect.name, *(item.effect.name for item in chosen.others)}) == len(chosen.others) + 1
+    alone = choose([best, other])
+    assert alone is not None and alone.others == () and len(alone.sets) == 1

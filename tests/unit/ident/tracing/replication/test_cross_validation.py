@@ -22,6 +22,8 @@ from ident.whole_record.output_error import fit_covariance
 from sim.declaration.proposal import Traceable, fitted_to
 from sim.effects.disturbance.phugoid import Phugoid
 from sim.effects.disturbance.speed_variation import SpeedVariation
+from sim.effects.dynamics.curves.control_nonlinearity import ControlNonlinearity
+from sim.effects.dynamics.curves.control_weakening import ControlWeakening
 from sim.effects.dynamics.curves.moment_nonlinearity import MOMENT_NONLINEARITY
 from sim.effects.guards.products import GUARDS
 from sim.effects.input_path.input_deadband import InputDeadband
@@ -171,3 +173,13 @@ def test_what_stands_beside_another_that_is_not_needed_is_tried_by_itself(late: 
     # Where the first round has tried it by itself, it was not chosen for a reason.
     known = replace(first, results=[*first.results, pair[0].best])
     assert pair_instead(late, (LATE, SCALED), known, [])[0] is None
+
+
+def test_every_form_of_an_effect_is_tried() -> None:
+    """A form that brings next to nothing has the name of one that explains the records."""
+    flight = all_records([coloured(planted([], None, seed), seed) for seed in (1, 2, 3)])
+    root = root_of(flight)
+    forms = [fitted_to(form, search_context(root)) for form in (ControlNonlinearity(), ControlWeakening())]
+    found = screen(root, forms, search_context(root))
+    assert [finding.effect.name for finding in found] == ["control-nonlinearity"] * 2
+    assert _with_fitted(root, found, found, root, []) == list(found)
