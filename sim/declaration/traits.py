@@ -40,6 +40,7 @@ class Traits:
     plausible : local name -> range within which a value is believed without asking; bounds are the physical limits.
     loose : local names of parameters that a claim need not know: their sigma may exceed their value.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its sampling rate.
+    dies_out : local name of the damping ratio of what it adds: a motion that need not die out is what a load that swings all along does, too.
     static_parts : derivative -> local names whose product the effect adds to it when all is at rest.
     tried : local names of parameters that only trying finds, since no slope tells them: each is known to its prior about the value tried.
     in_input_unit : local names of parameters that are counted in the unit of the input, or that per second.
@@ -75,6 +76,7 @@ class Traits:
     plausible: Mapping[str, tuple[float, float]] = field(default_factory=lambda: _NO_RANGES)
     loose: tuple[str, ...] = ()
     oscillates: tuple[str, ...] = ()
+    dies_out: str = ""
     static_parts: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: _NO_PARTS)
     tried: tuple[str, ...] = ()
     in_input_unit: tuple[str, ...] = ()

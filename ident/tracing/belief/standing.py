@@ -122,6 +122,10 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
     if lasts is not None and lasts.value - thresholds.BEYOND_ITS_SCATTER * lasts.std < thresholds.SHORTEST_EVENT * interval:
         told = f"what fits best is {effect.name} of {_number(lasts)}, which may be no longer than two samples: rows that the recorder lost do as much"
         return Caution(Concern.UNDETERMINED, told)
+    damping = found.get(effect.traits.dies_out)
+    if damping is not None and damping.value <= thresholds.BEYOND_ITS_SCATTER * damping.std:
+        told = f"what fits best is {effect.name} which need not die out (damping {_number(damping)}): a load that swings all along does as much"
+        return Caution(Concern.UNDETERMINED, told)
     control = with_the_control(effect, found, fitted)
     if control:
         told = f"what fits best is {effect.name}, but it begins and ends with a step of the {control}: that control does it, and nothing from outside"

@@ -114,6 +114,7 @@ class ElasticMode:
             # A structure has .01 to .05, and with what the air takes from a first wing bending up to about .15.
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.2)},
             oscillates=("frequency",),
+            dies_out="damping",
             static_parts=AT_REST,
         )
 

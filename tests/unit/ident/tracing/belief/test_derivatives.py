@@ -71,6 +71,16 @@ def test_what_contradicted_the_file_already_is_not_laid_to_the_effects(root: Fit
     assert wrecked(moved(root, {"Cm_alpha": turned}), moved(root, {"Cm_alpha": turned})) == []
 
 
+def test_what_comes_nearer_to_the_file_is_not_laid_to_the_effects(root: FittedModel) -> None:
+    """It had the wrong sign before, within its sigma; what explains the records leaves less of that, and less sigma."""
+    value = declared_derivatives(root)["CL_q"]
+    before = moved(root, {"CL_q": -3.0 * value}, blur=100.0)
+    assert not contradicts(derivatives_of(before)["CL_q"], value)
+    assert contradicts(derivatives_of(moved(root, {"CL_q": -1.5 * value}))["CL_q"], value)
+    assert [wreck.name for wreck in wrecked(before, moved(root, {"CL_q": -1.5 * value}))] == []
+    assert [wreck.name for wreck in wrecked(before, moved(root, {"CL_q": -3.5 * value}))] == ["CL_q"]
+
+
 def test_a_derivative_of_which_nothing_is_known_any_more_is_ruined(root: FittedModel) -> None:
     value = derivatives_of(root)["Cm_de"].value
     blurred = moved(root, {"Cm_de": value}, blur=1e5)

@@ -54,6 +54,13 @@ def test_a_number_of_either_sign_is_undetermined_where_its_sigma_fills_its_range
     assert undetermined(load, told(lift=(0.1 * lift, 0.4 * lift, "1"))) == []
 
 
+def test_a_mode_that_need_not_die_out_is_a_load_that_swings(fitted: FittedModel) -> None:
+    for std, stands in ((0.004, True), (0.0075, False), (0.02, False)):
+        why = why_not(ElasticMode(), told(frequency=(12.0, 0.1, "rad/s"), damping=(0.01, std, "1"), lift=(0.1, 0.01, "1/rad")), fitted)
+        assert (why is None) is stands
+        assert why is None or "a load that swings all along does as much" in why.sentence
+
+
 def test_gusts_of_a_few_centimetres_a_second_are_not_believed(fitted: FittedModel) -> None:
     for sigma, believed in ((0.06, False), (0.3, True)):
         why = why_not(GustTurbulence(), told(sigma=(sigma, 0.01, "m/s"), length=(300.0, 90.0, "m")), fitted)
