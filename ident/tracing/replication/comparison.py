@@ -73,6 +73,16 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
     return CrossValidatedEffect(best, tuple(others), (_compared(best, best), *(_compared(item, best) for item in rivals)))
 
 
+def outdone(results: Sequence[CrossValidation], best: CrossValidation) -> bool:
+    """Whether an effect that no two records agree on predicts what was left out clearly better: what stands imitates a cause that does not."""
+    differing = [item for item in results if not item.stands and item.replication.values and not item.replication.agrees]
+    for item in differing:
+        behind, scatter = _behind(item, best)
+        if behind < -thresholds.BEYOND_ITS_SCATTER * max(scatter, 0.5 * thresholds.NO_PREFERENCE):
+            return True
+    return False
+
+
 def _one_form_each(items: Sequence[CrossValidation], best: CrossValidation) -> list[CrossValidation]:
     """Of several forms of one effect the one that does best, and of ``best`` itself no other: forms are no alternatives to each other."""
     kept: dict[str, CrossValidation] = {}

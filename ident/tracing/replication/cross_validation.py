@@ -14,7 +14,7 @@ import numpy as np
 from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event, local_names
 from ident.tracing.replication.by_record import Flight
-from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation
+from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, outdone
 from ident.tracing.replication.known_motion import motion_that_stands
 from ident.tracing.replication.lone_event import event_that_stands
 from ident.tracing.replication.one_round import Tried, weigh_all
@@ -36,7 +36,8 @@ def cross_validate(
     known : ``base`` with one effect more, as a search fitted it: what an effect brings in full, where its projection sees little of it.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
-    that a third replaces, are looked for as a pair. An event, which need not replicate, is looked for beside them. What ``base`` has is claimed
+    that a third replaces, are looked for as a pair; nothing stands where one effect on which no two records agree predicts better than all of them
+    (``comparison.outdone``). An event, which need not replicate, is looked for beside them. What ``base`` has is claimed
     with the rest where it stands by itself.
     """
     found: list[CrossValidatedEffect] = []
@@ -58,6 +59,7 @@ def cross_validate(
         pair, results = pair_instead(flight, usable, steps[0], found)
         compared += results
         found = pair or found
+        found = [] if found and outdone(_others(steps[0].results, found), found[-1].best) else found
     everything = found[-1].best.fitted if found else first
     event, results = event_that_stands(flight, candidates, everything, fitted_records) if everything is not None else (None, [])
     return [item for item in (motion, *found, event) if item is not None], [*compared, *results]
@@ -94,6 +96,12 @@ def weighed_again(
         found.append(again.chosen)
         fitted = again.chosen.best.fitted
     return found, compared
+
+
+def _others(results: Sequence[CrossValidation], found: Sequence[CrossValidatedEffect]) -> list[CrossValidation]:
+    """Of all that was tried what is neither in a set nor among its alternatives, under any form."""
+    names = {member.effect.name for item in found for member in (item.best, *item.others)}
+    return [item for item in results if item.effect.name not in names]
 
 
 def _is_of_single_samples(candidate: Traceable) -> bool:

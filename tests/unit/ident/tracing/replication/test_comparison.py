@@ -10,7 +10,7 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.replication.by_record import Flight, Replication
-from ident.tracing.replication.comparison import CrossValidation, choose
+from ident.tracing.replication.comparison import CrossValidation, choose, outdone
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.validation.held_out import held_out
@@ -123,3 +123,14 @@ def test_another_form_of_the_best_is_no_alternative_to_it(late: Flight) -> None:
     assert chosen is not None and len({chosen.best.effect.name, *(item.effect.name for item in chosen.others)}) == len(chosen.others) + 1
     alone = choose([best, other])
     assert alone is not None and alone.others == () and len(alone.sets) == 1
+
+
+def test_what_an_effect_on_which_records_differ_predicts_better_is_an_imitation(late: Flight) -> None:
+    fitted = root_of(late)
+    frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
+    before = [fit for fit in frozen if fit is not None]
+    best = standing(LATE, fitted, before, 0.8)
+    differing = replace(standing(SCALED, fitted, before, 0.6, stands=False), replication=Replication(({}, {}, {}), False))
+    assert outdone([best, differing], best)
+    assert not outdone([best, standing(SCALED, fitted, before, 0.6, stands=False)], best)  # it fell for another reason
+    assert not outdone([best, replace(differing, predictions=standing(SCALED, fitted, before, 0.79).predictions)], best)
