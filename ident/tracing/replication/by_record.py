@@ -139,9 +139,11 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
 
     In twice the log likelihood of a record, expanded about its own parameters: what the common ones lose there, over what the effect as a
     whole brings. ``thresholds.ALIKE`` of it may differ, squared, or what ``thresholds.AGREE`` sigmas a parameter are. Of many records one may
-    differ by more, where the common ones still do most of it: it may hardly have moved what the effect needs.
+    differ by more, where the common ones still do most of it or it hardly moves what the effect needs: it tells less than half of what the
+    middle one of the others does.
     """
-    odd: list[float] = []
+    odd: list[int] = []
+    told: list[tuple[float, float]] = []
     covariance, _ = fit_covariance(fitted.fit)
     names = fitted.fit.layout.names
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
@@ -153,9 +155,17 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
         lost = squared_distance(covariance, at, common - own)
         acting = [i for i, name in enumerate(mine) if name in absent]
         whole = squared_distance(covariance, [at[i] for i in acting], own[acting] - np.array([absent[mine[i]] for i in acting]))
+        told.append((lost, whole))
         if lost > max(thresholds.AGREE**2 * len(at), thresholds.ALIKE**2 * whole):
-            odd.append(lost / whole if whole > 0.0 else np.inf)
-    return not odd or (len(fitted.fit.layout.problems) >= thresholds.MANY_RECORDS and len(odd) == 1 and odd[0] < thresholds.STILL_MOST)
+            odd.append(r)
+    return not odd or (len(told) >= thresholds.MANY_RECORDS and len(odd) == 1 and _may_differ(told, odd[0]))
+
+
+def _may_differ(told: Sequence[tuple[float, float]], odd: int) -> bool:
+    """Whether one record of many may have values of its own: what is lost with the common ones and what the effect brings, of each."""
+    lost, whole = told[odd]
+    others = float(np.median([each for r, (_, each) in enumerate(told) if r != odd]))
+    return lost < thresholds.STILL_MOST * whole or whole < thresholds.HALF_OF_IT * others
 
 
 def _alike(found: Sequence[Quantity], absent: float | None) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Quantity
-from ident.tracing.replication.by_record import Flight, _alike, distance_from_absence, most_telling, recordings, replicate
+from ident.tracing.replication.by_record import Flight, _alike, _may_differ, distance_from_absence, most_telling, recordings, replicate
 from ident.whole_record.layout import FitSettings
 from ident.whole_record.output_error import fit_covariance
 from sim.effects.disturbance.gust_discrete import GustDiscrete
@@ -122,3 +122,13 @@ def test_of_four_records_one_may_differ_where_the_common_values_still_do_most(
     told = iter([part for lost in losses for part in (1e6 * lost, 1e6)])
     monkeypatch.setattr("ident.tracing.replication.by_record.squared_distance", lambda *of: next(told))
     assert replicate(flight, fitted, MOMENT_NONLINEARITY).agrees is agrees
+
+
+@pytest.mark.parametrize(
+    ("lost", "whole", "may"),
+    [(459.0, 190.0, True), (459.0, 900.0, False), (300.0, 900.0, True), (84.0, 102.0, True)],
+)
+def test_one_record_of_many_may_differ_where_it_tells_little_or_loses_little(lost: float, whole: float, may: bool) -> None:
+    """What others lose with the common values, and what the effect brings in them, are those of a flight with an elastic mode."""
+    others = [(3.0, 1619.0), (6.0, 1715.0), (8.0, 844.0), (4.0, 882.0)] if whole > 150.0 else [(34.0, 814.0), (18.0, 441.0), (33.0, 610.0)]
+    assert _may_differ([*others, (lost, whole)], len(others)) is may
