@@ -26,7 +26,7 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
     """Derivatives that contradict the vehicle file, or are no longer known, with a set of effects and did not or were without it.
 
     They contradict it where two sigmas to either side leave no value of the declared sign below ``THREEFOLD`` times the declared
-    one; one that comes nearer to it than it was without the set is not laid to the set, however much better it is known now. They are no
+    one; one that comes nearer to it from the side where it was without the set is not laid to the set, however well it is known now. They are no
     longer known where sigma grows tenfold or more and exceeds the value. What is ``wild`` with the set is ruined whatever
     it was without: either the file is wrong or the set is.
     """
@@ -40,12 +40,17 @@ def wrecked(root: FittedModel, best: FittedModel) -> list[Wreck]:
             out.append(Wreck(name, before[name], after[name], f"is far from the {value:.3g} of the vehicle file"))
         elif contradicts(before[name], value):
             continue
-        elif contradicts(after[name], value) and abs(after[name].value - value) > abs(before[name].value - value):
+        elif contradicts(after[name], value) and not _nearer(before[name].value - value, after[name].value - value):
             turned = after[name].value * value < 0.0
             out.append(Wreck(name, before[name], after[name], "turns its sign" if turned else "grows more than threefold"))
         elif lost:
             out.append(Wreck(name, before[name], after[name], "is no longer known"))
     return out
+
+
+def _nearer(before: float, after: float) -> bool:
+    """Whether a distance has become smaller on the side where it was."""
+    return before * after > 0.0 and abs(after) <= abs(before)
 
 
 def wild(fitted: FittedModel) -> list[str]:

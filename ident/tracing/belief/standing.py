@@ -124,7 +124,7 @@ def why_not(effect: Traceable, found: Mapping[str, Quantity], fitted: FittedMode
         return Caution(Concern.UNDETERMINED, told)
     damping = found.get(effect.traits.dies_out)
     if damping is not None and damping.value <= thresholds.BEYOND_ITS_SCATTER * damping.std:
-        told = f"what fits best is {effect.name} which need not die out (damping {_number(damping)}): a load that swings all along does as much"
+        told = f"what fits best is {effect.name}, which need not die out (damping {_number(damping)}): a load that swings all along does as much"
         return Caution(Concern.UNDETERMINED, told)
     control = with_the_control(effect, found, fitted)
     if control:

@@ -12,8 +12,6 @@ from ident.tracing.selection.ledger import Key
 from ident.tracing.validation.held_out import HeldOut
 from ident.tracing.weighed import ComparedSet
 
-Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
-
 
 @dataclass(frozen=True, eq=False)
 class Choice:

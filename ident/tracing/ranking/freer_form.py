@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Step
 from ident.tracing.screening.context import search_context
-from ident.tracing.selection.ledger import Key, Ledger, fit
+from ident.tracing.selection.ledger import Ledger, fit
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, doubted, predicted_by
 from sim.declaration.effect import full_name
 from sim.declaration.proposal import Refinable, Traceable, fitted_to
-
-Compared = Mapping[Key, tuple[FittedModel, HeldOut]]
 
 
 def in_freer_form(ledger: Ledger, best: FittedModel, out: HeldOut, held: HeldOutData) -> tuple[Ledger, FittedModel, HeldOut]:

@@ -162,7 +162,10 @@ def _does_alike(fitted: FittedModel, joint: FittedModel, effect: Traceable) -> b
 
 
 def _may_differ(told: Sequence[tuple[float, float]], odd: int) -> bool:
-    """Whether one record of many may have values of its own: what is lost with the common ones and what the effect brings, of each."""
+    """Whether one record of many may have values of its own: what is lost with the common ones and what the effect brings, of each.
+
+    That the common values do harm there is asked apart, by its error when it is left out.
+    """
     lost, whole = told[odd]
     others = float(np.median([each for r, (_, each) in enumerate(told) if r != odd]))
     return lost < thresholds.STILL_MOST * whole or whole < thresholds.HALF_OF_IT * others

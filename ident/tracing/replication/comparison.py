@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.equivalents import misfit_to_declared
 from ident.tracing.replication.by_record import Replication, most_telling
 from ident.tracing.replication.error_reduction import Reduction, reduction
@@ -17,6 +17,8 @@ from ident.tracing.weighed import ComparedSet
 from ident.tracing.witness import Witness, silent
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import Traceable
+
+DIFFERING = "the records give different values"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +76,12 @@ def choose(results: Sequence[CrossValidation], witness: Witness = silent) -> Cro
 
 
 def outdone(results: Sequence[CrossValidation], best: CrossValidation) -> bool:
-    """Whether an effect that no two records agree on predicts what was left out clearly better: what stands imitates a cause that does not."""
-    differing = [item for item in results if not item.stands and item.replication.values and not item.replication.agrees]
+    """Whether an effect on which the records differ predicts what was left out clearly better: what stands imitates a cause that does not.
+
+    Guards have been heard when the best was chosen; what belongs to one record has values of its own there, which predict better for nothing.
+    """
+    shared = [item for item in results if not (item.effect.traits.guard or belongs_to_record(item.effect))]
+    differing = [item for item in shared if item.why == DIFFERING]
     for item in differing:
         behind, scatter = _behind(item, best)
         if behind < -thresholds.BEYOND_ITS_SCATTER * max(scatter, 0.5 * thresholds.NO_PREFERENCE):

@@ -36,7 +36,7 @@ def cross_validate(
     known : ``base`` with one effect more, as a search fitted it: what an effect brings in full, where its projection sees little of it.
 
     Each is first fitted to all records; those that might matter are fitted to all but one, and alone to each. Two that hide each other, or
-    that a third replaces, are looked for as a pair; nothing stands where one effect on which no two records agree predicts better than all of them
+    that a third replaces, are looked for as a pair; nothing stands where one effect on which the records differ predicts better than all of them
     (``comparison.outdone``). An event, which need not replicate, is looked for beside them. What ``base`` has is claimed
     with the rest where it stands by itself.
     """

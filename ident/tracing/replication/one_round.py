@@ -77,6 +77,8 @@ def _with_fitted(
         if len(added) != 1 or len(child.effects) != len(base.effects) + 1 or not acts_all_along(added[0]):
             continue
         form, brought = form_of(added[0]), base.fit.cost - child.fit.cost
+        if form not in here:  # a freer form than those that are candidates begins as the likeliest of its name
+            form = max((each for each in here if each[0] == added[0].name), key=lambda each: here[each].gain, default=form)
         if form in here and brought > here[form].gain:
             finding = replace(here[form], starts=(shared_start(child, added[0]), *here[form].starts))
             if form in out:

@@ -13,7 +13,7 @@ from ident.tracing.belief.standing import why_not
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, recordings, replicate
 from ident.tracing.replication.coloured_null import coloured_gain, explained_share
-from ident.tracing.replication.comparison import CrossValidation
+from ident.tracing.replication.comparison import DIFFERING, CrossValidation
 from ident.tracing.replication.each_its_own import own_values, predicted_gains, stands_by_prediction
 from ident.tracing.replication.error_reduction import Reduction, reduction
 from ident.tracing.screening.context import search_context
@@ -182,5 +182,5 @@ def _replicates(lowered: Reduction, copies: Replication) -> tuple[bool, str]:
     if 2 * sum(total < 0.0 for total in lowered.by_record) <= len(lowered.by_record):
         return False, "it helps on too few records"
     if not copies.agrees:
-        return False, "the records give different values"
+        return False, DIFFERING
     return True, "cross-validated"

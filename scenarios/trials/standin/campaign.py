@@ -98,9 +98,9 @@ def reference(study: StandInStudy) -> PseudoTrue | None:
     """Pseudo-true values of the declared model with what was claimed; None where it cannot be fitted, to one flight or to many (``has_limit``)."""
     claims = {c.name: {k: q.value for k, q in c.parameters.items()} for c in study.tracing.diagnosis.effects if c.claimed}
     rng = np.random.default_rng((SPREAD, study.seed))
-    if not has_limit(study.flight.drawn, claims):
-        return None
     try:
+        if not has_limit(study.flight.drawn, claims):
+            return None
         found = {name: quantity.value for name, quantity in claimed_model(study).items()}
         return pseudo_true(study.flight.drawn, claims, study.standin.draws, rng, len(study.tracing.records), found)
     except (FlightidError, np.linalg.LinAlgError):

@@ -91,8 +91,13 @@ def has_limit(drawn: Drawn, claimed: Iterable[str]) -> bool:
 
     Without it the same derivatives tend to other values. Isolated samples only set samples aside.
     """
-    left_out = [name for name in claimed if _effect(drawn, name, {}) is None]
-    return all(find_effect(name, drawn.declared.equations).regularity is Regularity.OUTLIER for name in left_out)
+    for name in claimed:
+        effect = find_effect(name, drawn.declared.equations)
+        if effect.regularity is Regularity.OUTLIER:
+            continue
+        if effect.regularity is Regularity.PROCESS_NOISE or _effect(drawn, name, {}) is None:
+            return False
+    return True
 
 
 def _carried(point: Point, draws: int, records: int) -> Point:

@@ -79,6 +79,8 @@ def test_what_comes_nearer_to_the_file_is_not_laid_to_the_effects(root: FittedMo
     assert contradicts(derivatives_of(moved(root, {"CL_q": -1.5 * value}))["CL_q"], value)
     assert [wreck.name for wreck in wrecked(before, moved(root, {"CL_q": -1.5 * value}))] == []
     assert [wreck.name for wreck in wrecked(before, moved(root, {"CL_q": -3.5 * value}))] == ["CL_q"]
+    above = moved(root, {"CL_q": 3.4 * value}, blur=100.0)
+    assert [wreck.name for wreck in wrecked(above, moved(root, {"CL_q": -0.9 * value}))] == ["CL_q"]
 
 
 def test_a_derivative_of_which_nothing_is_known_any_more_is_ruined(root: FittedModel) -> None:

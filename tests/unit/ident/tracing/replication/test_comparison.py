@@ -10,7 +10,7 @@ import numpy as np
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.diagnosis import Quantity
 from ident.tracing.replication.by_record import Flight, Replication
-from ident.tracing.replication.comparison import CrossValidation, choose, outdone
+from ident.tracing.replication.comparison import DIFFERING, CrossValidation, choose, outdone
 from ident.tracing.replication.error_reduction import reduction
 from ident.tracing.screening.score_test import Finding
 from ident.tracing.validation.held_out import held_out
@@ -130,7 +130,9 @@ def test_what_an_effect_on_which_records_differ_predicts_better_is_an_imitation(
     frozen = [held_out(fitted, [record], None, informed=False).frozen for record in late.records]
     before = [fit for fit in frozen if fit is not None]
     best = standing(LATE, fitted, before, 0.8)
-    differing = replace(standing(SCALED, fitted, before, 0.6, stands=False), replication=Replication(({}, {}, {}), False))
+    differing = replace(standing(SCALED, fitted, before, 0.6, stands=False), why=DIFFERING)
     assert outdone([best, differing], best)
     assert not outdone([best, standing(SCALED, fitted, before, 0.6, stands=False)], best)  # it fell for another reason
+    guard = next(effect for effect in GUARDS if effect.name == "guard:alpha-q")
+    assert not outdone([best, replace(standing(guard, fitted, before, 0.6, stands=False), why=DIFFERING)], best)
     assert not outdone([best, replace(differing, predictions=standing(SCALED, fitted, before, 0.79).predictions)], best)

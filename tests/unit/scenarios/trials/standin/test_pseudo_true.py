@@ -16,6 +16,7 @@ from scenarios.trials.standin.joint_fit import fit_together
 from scenarios.trials.standin.pseudo_true import has_limit, pseudo_true
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
+from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 from sim.maneuvers.steps import doublet
@@ -137,6 +138,12 @@ def test_where_the_fit_starts_does_not_matter() -> None:
 )
 def test_flights_tend_to_no_value_where_what_belongs_to_one_record_was_fitted(claimed: tuple[str, ...], known: bool) -> None:
     assert has_limit(plan(), claimed) is known
+
+
+def test_turbulence_that_is_hidden_in_every_record_has_no_limit_either() -> None:
+    drawn = plan()
+    rough = hiding(drawn, (Dominant(GustTurbulence(), {"sigma": 1.5, "length": 250.0}, tuple(range(len(drawn.maneuvers)))),))
+    assert not has_limit(rough, ["gust-turbulence"]) and has_limit(rough, [])
 
 
 @pytest.mark.slow
