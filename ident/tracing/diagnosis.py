@@ -80,7 +80,7 @@ class Evidence:
     ``error_left`` is the error on records that were not fitted over that before, a geometric mean over channels and records, ``error_left_std`` its
     scatter under resampling of blocks. ``by_record`` its parameters from each record by itself. ``derivatives`` the declared
     parameters with it, and with each of its alternatives in its place, by effect name. ``already_in_model`` names
-    the effects that were in the model before.
+    the effects that were in the model before. ``own_values`` : each record has its own, so that they need not be alike.
     """
 
     error_left: float
@@ -88,6 +88,7 @@ class Evidence:
     by_record: tuple[Mapping[str, Quantity], ...]
     derivatives: Mapping[str, Mapping[str, Quantity]]
     already_in_model: tuple[str, ...] = ()
+    own_values: bool = False
 
 
 @dataclass(frozen=True)

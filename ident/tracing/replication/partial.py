@@ -127,6 +127,7 @@ def _claim(fitted: FittedModel, item: CrossValidatedEffect, beside: Collection[s
         best.replication.values,
         {member.effect.name: _derivatives(member.fitted) for member in members},
         best.fitted.names[:-1],
+        belongs_to_record(best.effect),
     )
     alternatives = tuple(other.effect.name for other in item.others if other.effect.name not in beside)[: thresholds.ALTERNATIVES_NAMED]
     weighed = Weighed(Ground.CROSS_VALIDATED, tuple(each for each in item.sets if not set(each.names) & set(beside)))

@@ -10,7 +10,7 @@ import numpy as np
 from ident.statistics.normal_equations import add_normal_equations
 from ident.tracing import thresholds
 from ident.tracing.belief.standing import why_not
-from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event
 from ident.tracing.replication.by_record import Flight, Replication, distance_from_absence, most_telling, recordings, replicate
 from ident.tracing.replication.coloured_null import coloured_gain, explained_share
 from ident.tracing.replication.comparison import DIFFERING, CrossValidation
@@ -156,11 +156,16 @@ def _explains_most(before: Sequence[Fit], after: Sequence[Fit]) -> bool:
 
 
 def _worth(flight: Flight, child: FittedModel, effect: Traceable, lowered: Reduction) -> float:
-    """By how much the error has to fall: by half as much where the kinematics alone find the effect, asked only where that would matter."""
-    least = thresholds.HALF_OF_IT * thresholds.WORTH
-    asked = -thresholds.WORTH < lowered.total <= -least
+    """By how much the error has to fall: by half as much where the kinematics alone find the effect, asked only where that would matter.
+
+    By twice as much where a record has values of its own, fitted to it also when it is left out: half of what they bring says nothing.
+    """
+    learnt_there = belongs_to_record(effect) and not (effect.traits.background or is_event(effect))
+    whole = (thresholds.STRONGLY if learnt_there else 1.0) * thresholds.WORTH
+    least = thresholds.HALF_OF_IT * whole
+    asked = -whole < lowered.total <= -least
     strong = asked and flight.witness.evidence(effect.name, most_telling(child, effect)) > thresholds.STRONG_WITNESS
-    return least if strong else thresholds.WORTH
+    return least if strong else whole
 
 
 def fitted_change(fitted: FittedModel, child: FittedModel) -> float:

@@ -34,6 +34,8 @@ def evidence_sentences(claim: Claim) -> list[str]:
     lowered = f"cuts the error on records that were not fitted to {value_text(evidence.error_left, evidence.error_left_std)} {before}"
     count = len(evidence.by_record)
     values = by_record_text(evidence)
+    if values and evidence.own_values:
+        return [f"each of {count} records has a value of its own ({values}); it {lowered}"]
     apart = apart_text(claim)
     if values and apart:
         return [f"each of {count} records gives it ({values}), but {apart}; it {lowered}"]

@@ -132,3 +132,12 @@ def test_a_record_may_rise_by_a_twentieth_beyond_chance(rise: float, scatter: fl
     lowered = Reduction(-0.3, 0.05, np.full(3, -0.3), np.full(3, 0.05), (-0.5, -0.4, rise), (0.1, 0.1, scatter))
     stands, why = _replicates(lowered, Replication((), True))
     assert stands is passes and why == ("cross-validated" if passes else "it makes a record worse")
+
+
+def test_what_is_learnt_from_the_record_that_is_left_out_has_to_bring_twice_as_much() -> None:
+    flight = all_records([planted([], None, seed) for seed in (1, 2, 3)])
+    root = root_of(flight)
+    lowered = Reduction(-0.15, 0.01, np.full(3, -0.15), np.full(3, 0.01), (-0.15,) * 3, (0.01,) * 3)
+    for effect, least in ((SensorScale("q"), 1.0), (SensorDrift("q"), thresholds.STRONGLY)):
+        child = flight.fit((effect,), range(3), root.values)
+        assert child is not None and _worth(flight, child, effect, lowered) == pytest.approx(least * thresholds.WORTH)

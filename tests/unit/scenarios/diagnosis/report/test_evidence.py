@@ -35,6 +35,12 @@ def test_headline_says_what_where_how_sure_and_what_follows() -> None:
     )
 
 
+def test_values_of_their_own_are_not_said_to_be_alike() -> None:
+    own = replace(evidence_of((0.037, -0.021, 0.050), unit="rad/s2", parameter="slope"), own_values=True)
+    (told,) = evidence_sentences(Claim("sensor-drift:q", {"slope": Quantity(-0.021, 0.004, "rad/s2")}, evidence=own))
+    assert told.startswith("each of 3 records has a value of its own (") and "alike" not in told
+
+
 def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> None:
     tracing = tracing_of(Verdict.PARTIAL)
     gust = Claim("gust-turbulence", {"sigma": Quantity(2.1, 0.2, "m/s"), "length": Quantity(393.0, 79.0, "m")}, one_step_gains=(1139.6,))
