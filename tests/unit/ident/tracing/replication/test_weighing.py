@@ -15,7 +15,7 @@ from ident.tracing.replication import one_round
 from ident.tracing.replication.by_record import Flight, Replication
 from ident.tracing.replication.comparison import CrossValidation
 from ident.tracing.replication.error_reduction import Reduction
-from ident.tracing.replication.weighing import Trial, _replicates, left_out, try_out, weigh
+from ident.tracing.replication.weighing import Trial, _replicates, _worth, left_out, try_out, weigh
 from ident.tracing.screening.context import search_context
 from ident.tracing.screening.score_test import screen
 from ident.tracing.witness import Silent
