@@ -138,6 +138,6 @@ def test_what_is_learnt_from_the_record_that_is_left_out_has_to_bring_twice_as_m
     flight = all_records([planted([], None, seed) for seed in (1, 2, 3)])
     root = root_of(flight)
     lowered = Reduction(-0.15, 0.01, np.full(3, -0.15), np.full(3, 0.01), (-0.15,) * 3, (0.01,) * 3)
-    for effect, least in ((SensorScale("q"), 1.0), (SensorDrift("q"), thresholds.STRONGLY)):
+    for effect, least in ((SensorScale("q"), 1.0), (SensorDrift("q", "rad/s", 0.001), thresholds.STRONGLY)):
         child = flight.fit((effect,), range(3), root.values)
         assert child is not None and _worth(flight, child, effect, lowered) == pytest.approx(least * thresholds.WORTH)
