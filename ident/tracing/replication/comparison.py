@@ -80,9 +80,9 @@ def outdone(results: Sequence[CrossValidation], best: CrossValidation) -> bool:
 
     Guards have been heard when the best was chosen; what belongs to one record has values of its own there, which predict better for nothing.
     """
-    shared = [item for item in results if not (item.effect.traits.guard or belongs_to_record(item.effect))]
-    differing = [item for item in shared if item.why == DIFFERING]
-    for item in differing:
+    for item in results:
+        if item.why != DIFFERING or item.effect.traits.guard or belongs_to_record(item.effect):
+            continue
         behind, scatter = _behind(item, best)
         if behind < -thresholds.BEYOND_ITS_SCATTER * max(scatter, 0.5 * thresholds.NO_PREFERENCE):
             return True
@@ -94,7 +94,7 @@ def _one_form_each(items: Sequence[CrossValidation], best: CrossValidation) -> l
     kept: dict[str, CrossValidation] = {}
     for item in sorted(items, key=lambda item: (item is not best, not item.stands, item.reduction.total)):
         kept.setdefault(item.effect.name, item)
-    return [item for item in items if item is best or (item.effect.name != best.effect.name and kept[item.effect.name] is item)]
+    return [item for item in items if kept[item.effect.name] is item]
 
 
 def _compared(item: CrossValidation, best: CrossValidation) -> ComparedSet:
