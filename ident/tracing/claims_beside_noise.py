@@ -23,7 +23,8 @@ from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.validation.improvement import contradicted, hardly_better, no_better
 from ident.tracing.verdict import Judgement, claims_of, judge, not_noise, residual_tests
 
-WITHDRAWN = (Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES, Concern.ONE_CAUSE)  # of a set that leaves noise and may not be claimed
+# Of a set that leaves noise and may not be claimed.
+WITHDRAWN = frozenset({Concern.UNDETERMINED, Concern.ROWS_MISSING, Concern.DERIVATIVES, Concern.ONE_CAUSE, Concern.CONTRADICTED})
 
 
 def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgement]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing import thresholds
 from ident.tracing.belief.evenness import behind_gaps, is_uneven
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.ranking.choice import Choice
@@ -26,11 +27,13 @@ def weighed(ledger: Ledger, choice: Choice, held: HeldOutData) -> Choice:
 def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
     """Names of effects that all records share and without which a free simulation of data that were not fitted is better.
 
-    Asked of sets of several: of one alone the verdict asks it.
+    Asked of sets of several: of one alone the verdict asks it. Three causes at once are rare, and three small ones imitate one that the
+    library does not have: each of so many has to raise the log likelihood of those data by what a cross-validated one has to.
     """
     best, out = choice.best, choice.out.frozen
     if out is None or len(best.effects) < 2 or best.guards or has_process_noise(best.system):
         return ()
+    least = ledger.problem.settings.accept if len(best.foreground) >= thresholds.MANY_CAUSES else 0.0
     found = []
     for effect in best.foreground:
         rest = tuple(other for other in best.effects if other is not effect)
@@ -38,7 +41,7 @@ def _idle(ledger: Ledger, choice: Choice, held: HeldOutData) -> tuple[str, ...]:
             continue
         plain = ledger.models.get(frozenset(other.name for other in rest)) or ledger.problem.fit(rest, best, None, rough=True)
         frozen = predicted_by(plain, held, informed=False).frozen if plain is not None else None
-        if frozen is not None and frozen.cost < out.cost:
+        if frozen is not None and frozen.cost < out.cost + least:
             found.append(effect.name)
     return tuple(found)
 

@@ -28,6 +28,7 @@ HOPELESS_IN_SEARCH = 0.2  # of the best gain so far. chosen: a projected gain er
 HOPELESS_IN_REPLICATION = 0.1  # of the best projected gain. chosen: a lower bar than in the search, since colour makes a projected gain err by more
 RIVAL = 0.5  # of the best gain. chosen: what brings less than half will not be the best of its size
 CHEAP = 2  # parameters. chosen: such a candidate is fitted even if its projected gain is small, it costs little
+MANY_CAUSES = 3  # chosen: so many at once are rare, and small ones put together imitate a cause that the library does not have
 LOOKS_ALIKE = 0.5  # projected gain of a near-alias over what the effect itself brought. chosen, as RIVAL
 LITTLE = 0.05  # of the best candidate's gain. chosen: below it a candidate's held-out change is not worth a fit
 CANDIDATES_FITTED, GUARDS_FITTED = 6, 3  # chosen, for time: full fits to many subsets of the records are the dearest part

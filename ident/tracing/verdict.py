@@ -21,6 +21,9 @@ from ident.tracing.validation.whiteness import whiteness
 from ident.tracing.weighed import Ground, Weighed
 from ident.whole_record.gauss_newton import Fit
 
+WIND = frozenset({"gust", "headwind"})  # ports by which the air moves
+OF_MANY = ", or nearly so: of three causes or more each has to show there, or one that is not in the library is put together from them"
+
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
@@ -97,7 +100,8 @@ def verdict_on(
     if left:
         return Verdict.UNEXPLAINED, left
     if choice.idle:
-        told = f"data that were not fitted are predicted better without {' and '.join(choice.idle)}"
+        idle, many = " and ".join(choice.idle), len(best.foreground) >= thresholds.MANY_CAUSES
+        told = f"data that were not fitted are predicted {'as well' if many else 'better'} without {idle}{OF_MANY if many else ''}"
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, told)]
     if choice.uneven:
         told = "what fits best is turbulence, but what it would explain comes and goes with the motion: the cause is another"
@@ -108,9 +112,25 @@ def verdict_on(
     doubts = cautions_of(root, best, [(effect, quantities(best, effect)) for effect in best.effects])
     if doubts:
         return Verdict.UNEXPLAINED, doubts
+    denied = _denied(problem, best)
+    if denied:
+        told = f"what fits best is {' and '.join(denied)}, but kinematics alone, which need no aerodynamics, speak against {_it(denied)}"
+        return Verdict.UNEXPLAINED, [Caution(Concern.CONTRADICTED, told)]
     if best.effects and not _improved(root, choice, held):
         return Verdict.UNEXPLAINED, [Caution(Concern.NO_IMPROVEMENT, "the effects found do not lower the error on data that were not fitted")]
     return (Verdict.AMBIGUOUS if is_ambiguous(choice, problem.guards) else Verdict.TRACED), []
+
+
+def _denied(problem: TraceProblem, best: FittedModel) -> list[str]:
+    """Names of effects that a witness speaks strongly against; none where air moves that is not still, which kinematics do not know."""
+    if has_process_noise(best.system) or any(WIND.intersection(getattr(effect, "needs", ())) for effect in best.effects):
+        return []
+    witness = problem.witness
+    return [effect.name for effect in best.foreground if witness.against(effect.name, quantities(best, effect)) > thresholds.STRONG_WITNESS]
+
+
+def _it(names: Sequence[str]) -> str:
+    return "it" if len(names) == 1 else "them"
 
 
 def _look_the_same(problem: TraceProblem, best: FittedModel) -> str:

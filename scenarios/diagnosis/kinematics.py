@@ -14,6 +14,8 @@ APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {"delay": "delay", "lag": "time_constant", "scale": "scale", "drift": "slope", "arm": "arm"}
 BIAS = "bias"  # no effect: the fits of a diagnosis leave one of each channel free
 AGREES, IN_KIND, DIFFERS, CONTRADICTS, NOTHING = "agrees", "agrees in kind", "differs in size", "contradicts", "says nothing"
+# The arm of a vane is to the kinematics that of an accelerometer on the other side: (d/V) q against the integral of (g/V) (arm/g) q_dot.
+MIRRORED = {"vane-offset": "accelerometer-offset:nz", "accelerometer-offset:nz": "vane-offset", "accelerometer-offset:ny": "vane-offset"}
 _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
 
@@ -69,6 +71,8 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
     kin = next((finding for finding in standing if members.intersection((finding.name, *finding.group))), None)
     if kin is not None:
         found = Quantity(kin.value, kin.std, kin.unit)
+        if kin.name == MIRRORED.get(claim.name):
+            return _on_the_other_side(claim, mine, found, kin)
         words = f"of the group that the diagnosis names with {claim.name}; their sizes cannot be compared"
         return Agreement(claim.name, IN_KIND, found, f"kinematics alone say: {kin.name} {with_sigma(found)}: {words}")
     return _ruled_out(claim, result) or _unproven(claim, mine, next((item for item in result.joint.estimates if item.name == claim.name), None))
@@ -88,6 +92,16 @@ def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
         words = f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, {_apart(found, mine):.1f} sigmas"
         return Agreement(claim.name, DIFFERS, found, f"{told}: {group}{words}")
     return Agreement(claim.name, AGREES, found, f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}")
+
+
+def _on_the_other_side(claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding) -> Agreement:
+    """An arm where the kinematics found its twin, whose arm points the other way."""
+    as_mine = Quantity(-found.value, found.std, found.unit)
+    told = f"kinematics alone say: {kin.name} {with_sigma(found)}, which they cannot tell from {claim.name} {with_sigma(as_mine)}"
+    if _differ(as_mine, mine, worth_of(kin)):
+        words = f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} sigmas"
+        return Agreement(claim.name, DIFFERS, found, f"{told}: {words}")
+    return Agreement(claim.name, AGREES, found, f"{told}: agrees with the diagnosis, {with_sigma(mine)}")
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:

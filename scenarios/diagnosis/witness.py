@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ident.alongside import Alongside
-from ident.compatibility.result import Compatibility
+from ident.compatibility.result import Compatibility, SensorFinding
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, Kinematics, agreements, late_instead, worth_of
+from scenarios.diagnosis.kinematics import AGREES, CONTRADICTS, DIFFERS, IN_KIND, MIRRORED, Kinematics, agreements, late_instead, worth_of
 
 _WORTH: Mapping[str, int] = {AGREES: 1, IN_KIND: 1, DIFFERS: 1, CONTRADICTS: -1}
 
@@ -68,6 +68,10 @@ class KinematicWitness:
         """How strongly the kinematics speak for an effect of these values (``kinematic_evidence``); zero where there is no check."""
         return kinematic_evidence(self.kinematics, effect, parameters) if self.kinematics is not None else 0.0
 
+    def against(self, effect: str, parameters: Mapping[str, Quantity]) -> float:
+        """How strongly they speak against it (``kinematic_contradiction``); zero where there is no check."""
+        return kinematic_contradiction(self.kinematics, effect, parameters) if self.kinematics is not None else 0.0
+
 
 def kinematic_evidence(kinematics: Kinematics, effect: str, parameters: Mapping[str, Quantity]) -> float:
     """Log likelihood by which the kinematics alone speak for an effect of these values, against its absence; negative where they speak against it.
@@ -87,19 +91,41 @@ def kinematic_evidence(kinematics: Kinematics, effect: str, parameters: Mapping[
     own = next((each for each in result.findings if each.name == effect), None)
     if item is None or own is None or not item.told or not item.agrees:
         return 0.0
-    mine = next(iter(parameters.values()))
-    # A tenth of what is common in practice is what interpolation makes; half of it as one sigma.
-    spread = math.hypot(own.std, mine.std, 0.5 * worth_of(own))
-    apart = 0.5 * ((own.value - mine.value) / spread) ** 2
+    apart = _half_square_apart(own, next(iter(parameters.values())))
     lost = own.lost if own.lost is not None else math.inf
     said = -lost - apart if late_instead(own, result) is not None else max(own.gain - apart, -lost)
     return said if math.isfinite(said) else 0.0
+
+
+def kinematic_contradiction(kinematics: Kinematics, effect: str, parameters: Mapping[str, Quantity]) -> float:
+    """Log likelihood by which the kinematics alone speak against an effect of these values, zero or more.
+
+    As ``kinematic_evidence`` where they can speak for it. Of an arm, which they cannot tell from its twin, they know the size of either all the
+    same: where one of the two stands, by half the square of how far the sizes are apart in sigmas, less what it gains.
+    """
+    result = kinematics.result
+    if result is None or not parameters:
+        return 0.0
+    if not shares_a_twin(effect, result):
+        return max(0.0, -kinematic_evidence(kinematics, effect, parameters))
+    own = next((each for each in result.findings if each.stands and each.name in (effect, MIRRORED.get(effect))), None)
+    if own is None:
+        return 0.0
+    value = own.value if own.name == effect else -own.value
+    said = _half_square_apart(replace(own, value=value), next(iter(parameters.values()))) - own.gain
+    return max(0.0, said) if math.isfinite(said) else 0.0
 
 
 def twin_of(effect: str, channels: tuple[str, ...]) -> str:
     """The effect that is word for word the same to the kinematics of these channels; empty where there is none."""
     twin, told_by = EXACT_TWINS.get(effect, ("", frozenset()))
     return twin if not told_by.intersection(channels) else ""
+
+
+def _half_square_apart(own: SensorFinding, mine: Quantity) -> float:
+    """Half the square of how far two values are apart in sigmas."""
+    # A tenth of what is common in practice is what interpolation makes; half of it as one sigma.
+    return 0.5 * ((own.value - mine.value) / math.hypot(own.std, mine.std, 0.5 * worth_of(own))) ** 2
 
 
 def shares_a_twin(effect: str, result: Compatibility) -> bool:

@@ -1,4 +1,4 @@
-"""A drift of one output channel, linear in time."""
+"""A drift of one output channel, steady in time or settling."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from sim.declaration.proposal import Probe, SearchContext, Traceable
 from sim.declaration.traits import Traits
 from sim.effects.instances import further_outputs, has_output_size, large_output
 from sim.effects.separating import STEADY_FLIGHT
+from sim.maths.elementary import absolute, exp, real, where
+
+FASTEST = 2.0  # 1/s, of settling: what settles faster is a jump at the record's begin
+SERIES_BELOW = 1e-3
 
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """The recorded channel has slope (t - begin) added to it.
+    """The recorded channel has slope (t - begin) added to it, or slope (1 - exp(-settling (t - begin))) / settling.
 
-    ``slope`` in the unit of the channel per second, either sign. Each record has its own.
+    ``slope`` in the unit of the channel per second, either sign; ``settling`` in 1/s, zero where the drift goes on. Each record has its own.
 
     Attributes
     ----------
     channel, unit : the output it acts on. typical : starting slope; believed up to twenty times that, or any where the
-        unit is not one whose sizes are known (``sized``).
+        unit is not one whose sizes are known (``sized``). settles : whether it has ``settling``.
     begin : s, the record's first time. Where the channel has a bias it only keeps the two apart.
     """
 
@@ -34,6 +38,7 @@ class SensorDrift:
     typical: float
     begin: float = 0.0
     sized: bool = True
+    settles: bool = False
 
     station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 20
@@ -41,11 +46,12 @@ class SensorDrift:
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     aliases: ClassVar[tuple[str, ...]] = ()
     explanation: ClassVar[str] = (
-        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this. The "
-        "deviation grows steadily whatever the maneuver, in one channel alone and against the kinematics. A trim or a speed that changes slowly "
-        "moves all channels together instead. The slope belongs to one record; on another it has another value, so that it cannot be confirmed by "
-        "replication, and on measured data slow disturbances easily pass for it. On a falling body a drift of the altitude stands for anything "
-        "that adds a constant to the measured velocity, a horizontal motion seen by the radar among them."
+        "The sensor's zero wanders while the record runs: y_recorded = y + bias + slope (t - begin). Warming electronics and gyros do this, and "
+        "settle: a freer form has slope (1 - exp(-settling (t - begin))) / settling. The deviation grows steadily whatever the maneuver, in one "
+        "channel alone and against the kinematics. A trim or a speed that changes slowly moves all channels together instead. The slope belongs to "
+        "one record; on another it has another value, so that it cannot be confirmed by replication, and on measured data slow disturbances easily "
+        "pass for it. On a falling body a drift of the altitude stands for anything that adds a constant to the measured velocity, a horizontal "
+        "motion seen by the radar among them."
     )
 
     @property
@@ -54,7 +60,8 @@ class SensorDrift:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("slope", self.typical, f"{self.unit}/s"),)
+        slope = Parameter("slope", self.typical, f"{self.unit}/s")
+        return (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, FASTEST))) if self.settles else (slope,)
 
     @property
     def most(self) -> float:
@@ -64,7 +71,10 @@ class SensorDrift:
     @property
     def traits(self) -> Traits:
         return Traits(
-            sentences=("the reading of the {channel} drifts by {slope}",),
+            sentences=(
+                "the reading of the {channel} drifts by {slope} at first, and settles at a rate of {settling}",
+                "the reading of the {channel} drifts by {slope}",
+            ),
             separating=dict.fromkeys(("sensor-drift", "drag-mach", "density-scale-height"), STEADY_FLIGHT),
             never_beside=(f"sensor-step:{self.channel}",),
             plausible={"slope": (-self.most, self.most)} if self.sized else {},
@@ -72,14 +82,28 @@ class SensorDrift:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"slope": 0.0}, ("slope",))]
+        gone = {item.name: item.value for item in self.parameters} | {"slope": 0.0}
+        return [Probe(gone, ("slope",))]
+
+    def finer(self) -> SensorDrift:
+        """The same that dies out."""
+        return replace(self, settles=True)
 
     def fitted_to(self, context: SearchContext) -> SensorDrift:
         """The drift that counts from this record's begin."""
         return replace(self, begin=context.begin)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
-        return {self.channel: y[self.channel] + p.slope * (s.time - self.begin)}
+        elapsed = s.time - self.begin
+        return {self.channel: y[self.channel] + p.slope * (settled(elapsed, p.settling) if self.settles else elapsed)}
+
+
+def settled(elapsed: Any, rate: Any) -> Any:
+    """(1 - exp(-rate elapsed)) / rate, in s: the time itself at a rate of zero; by its series where the difference would round."""
+    x = rate * elapsed
+    slow = real(absolute(x)) < SERIES_BELOW
+    series = elapsed * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0)))
+    return where(slow, series, elapsed * (1.0 - exp(-x)) / where(slow, 1.0, x))
 
 
 VARIANTS: tuple[Traceable, ...] = (

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from ident.statistics.residuals import ResidualTest
+from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel
 from ident.tracing.candidate_model.problem import TraceProblem
-from ident.tracing.diagnosis import Claim, Concern, Verdict
+from ident.tracing.diagnosis import Claim, Concern, Quantity, Verdict
 from ident.tracing.ranking.choice import Choice
 from ident.tracing.validation.held_out import HeldOut, HeldOutData, held_out
 from ident.tracing.validation.improvement import contradicted, hardly_better, no_better, room_for
 from ident.tracing.verdict import ResidualTests, judge, not_noise, verdict_on
 from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.gust_discrete import GustDiscrete
 from sim.effects.disturbance.gust_turbulence import GustTurbulence
 from sim.effects.library import guards_for
 from sim.effects.sensor_path.sensor_lag import SensorLag
@@ -49,6 +51,36 @@ def found(
     tests = ResidualTests((FINE, BAD) if bad else (FINE,))
     verdict, cautions = verdict_on(problem, root, Choice(best, NOTHING), spikes, tests, HeldOutData())
     return verdict, [caution.concern for caution in cautions]
+
+
+@dataclass
+class Denying:
+    """A witness that speaks against one effect."""
+
+    name: str
+    by: float
+
+    def prepare(self) -> None:
+        """Nothing takes time."""
+
+    def __call__(self, effect: str, parameters: Mapping[str, Quantity], /) -> int:
+        return 0
+
+    def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
+        return 0.0
+
+    def against(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
+        return self.by if effect == self.name and parameters else 0.0
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.9, Verdict.TRACED), (1.1, Verdict.UNEXPLAINED)])
+def test_what_kinematics_speak_strongly_against_is_not_claimed(problem: TraceProblem, root: FittedModel, share: float, verdict: Verdict) -> None:
+    heard = replace(problem, witness=Denying("sensor-lag:q", share * thresholds.STRONG_WITNESS))
+    said, concerns = found(heard, root, [SensorLag("q")])
+    assert said is verdict and concerns == ([Concern.CONTRADICTED] if verdict is Verdict.UNEXPLAINED else [])
+    # In air that moves the kinematics of still air are no witness.
+    gust = GustDiscrete()
+    assert Concern.CONTRADICTED not in found(heard, root, [SensorLag("q"), gust])[1]
 
 
 def test_guards_lead_to_unexplained(problem: TraceProblem, root: FittedModel) -> None:

@@ -14,7 +14,8 @@ from ident.compatibility.result import CompatibilitySettings
 from ident.compatibility.signals import signals_of
 from ident.tracing.diagnosis import Quantity
 from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.diagnosis.witness import KinematicWitness, kinematic_evidence, shares_a_twin, twin_of
+from scenarios.diagnosis.witness import KinematicWitness, kinematic_contradiction, kinematic_evidence, shares_a_twin, twin_of
+from sim.record import Record
 from tests.oracles.flight_path import Sensors
 from tests.unit.ident.compatibility.flights import SPEED, THREE, record
 from tests.unit.scenarios.diagnosis.test_kinematics import checked, estimate, finding
@@ -50,6 +51,7 @@ def test_one_check_at_most_and_none_unasked() -> None:
     assert KinematicWitness(None)("sensor-delay:alpha", DELAYED) == 0 and KinematicWitness(None).kinematics is None
 
 
+ARMS_FOUND = (("vane-offset", 6.0), ("accelerometer-offset:nz", -6.0))
 SCALE, ARM = {"scale": Quantity(1.1, 0.01, "1")}, {"arm": Quantity(6.0, 0.3, "m")}
 
 
@@ -66,6 +68,47 @@ SCALE, ARM = {"scale": Quantity(1.1, 0.01, "1")}, {"arm": Quantity(6.0, 0.3, "m"
 def test_of_what_is_another_effect_word_for_word_it_says_nothing(name: str, parameters: dict[str, Quantity], kind: str, value: float) -> None:
     witness = KinematicWitness(lambda: checked([finding(name, value, 0.01, kind=kind)], [replace(estimate(value, 0.01, kind=kind), name=name)]))
     assert witness(name, parameters) == 0 and witness.evidence(name, parameters) == 0.0
+
+
+def test_an_arm_of_another_size_is_spoken_against_under_either_name() -> None:
+    ahead, behind = {"arm": Quantity(6.0, 0.3, "m")}, {"arm": Quantity(-6.0, 0.3, "m")}
+    vane, accelerometer = (checked([replace(finding(name, value, 0.5, kind="arm"), gain=40.0)]) for name, value in ARMS_FOUND)
+    for found in (vane, accelerometer):
+        witness = KinematicWitness(lambda found=found: found)  # type: ignore[misc]
+        assert witness.against("vane-offset", ahead) == 0.0 and witness.against("accelerometer-offset:nz", behind) == 0.0
+        assert witness.against("vane-offset", behind) > 50.0 and witness.against("accelerometer-offset:nz", ahead) > 50.0
+        assert witness.evidence("vane-offset", behind) == 0.0
+    assert KinematicWitness(None).against("vane-offset", behind) == 0.0
+    assert KinematicWitness(lambda: checked([])).against("vane-offset", behind) == 0.0
+
+
+def _felt(arm: float) -> Record:
+    """An accelerometer ``arm`` m ahead of the centre of gravity: nz + (arm/g) times the pitch acceleration, by differences."""
+    true = record(noise=0.0)
+    felt = true["nz"].values + arm / 9.80665 * np.gradient(true["q"].values, true.time)
+    noisy = record(seed=1)
+    values = {"nz": felt + noisy["nz"].values - true["nz"].values}
+    return replace(noisy, outputs=tuple(replace(each, values=values.get(each.name, each.values)) for each in noisy.outputs))
+
+
+@pytest.mark.parametrize(
+    ("flown", "ahead"), [(record(sensors=Sensors(arm=15.0), seed=1), -15.0), (_felt(15.0), 15.0)], ids=["vane ahead", "accelerometer ahead"]
+)
+def test_the_arm_of_an_accelerometer_is_that_of_a_vane_on_the_other_side(flown: Record, ahead: float) -> None:
+    """The oracle of the sign: each flown by itself, and what stands there for the accelerometer."""
+    found = compatibility([flown], CompatibilitySettings(SPEED))
+    (own,) = [each for each in found.findings if each.name == "accelerometer-offset:nz"]
+    assert own.stands and abs(own.value - ahead) < 3.0 * own.std
+    kinematics = Kinematics(("record",), found)
+    for name, arm in (("accelerometer-offset:nz", ahead), ("vane-offset", -ahead)):
+        assert kinematic_contradiction(kinematics, name, {"arm": Quantity(arm, 0.5, "m")}) == 0.0
+        assert kinematic_contradiction(kinematics, name, {"arm": Quantity(-arm, 0.5, "m")}) > 50.0
+
+
+def test_against_a_fault_without_twin_is_the_evidence_turned_round() -> None:
+    kinematics = checked([replace(finding("sensor-delay:alpha", 0.2, 0.004), gain=30.0)], [estimate(0.2, 0.004)])
+    said = kinematic_evidence(kinematics, "sensor-delay:alpha", DELAYED)
+    assert said < -30.0 and kinematic_contradiction(kinematics, "sensor-delay:alpha", DELAYED) == -said
 
 
 def test_a_group_with_such_a_member_is_as_silent() -> None:

@@ -51,6 +51,9 @@ class Witness(Silent):
     def __init__(self, says: float) -> None:
         self.says, self.asked = says, list[str]()
 
+    def against(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
+        return max(0.0, -self.evidence(effect, parameters))
+
     def evidence(self, effect: str, parameters: Mapping[str, Quantity], /) -> float:
         self.asked.append(effect)
         assert all(quantity.std > 0.0 for quantity in parameters.values())

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
 
 from sim.declaration.compile import compile_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.sensor_path.sensor_delay import SensorDelay
-from sim.effects.sensor_path.sensor_drift import SensorDrift
+from sim.effects.sensor_path.sensor_drift import SensorDrift, settled
 from sim.effects.sensor_path.sensor_lag import SensorLag
 from sim.effects.sensor_path.sensor_scale import SensorScale
 from sim.effects.sensor_path.sensor_spikes import SensorSpikes
@@ -46,6 +49,23 @@ def test_scale_then_drift_then_bias_whatever_the_order_they_were_added_in() -> N
     for order in (effects, effects[::-1]):
         model = rigid_model().with_biases(["alpha"]).with_effects(*order).with_values({**values, "bias_alpha": 0.03})
         np.testing.assert_allclose(fly_model(model, flight)[0], expected, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("settling", [0.0, 1e-9, 9e-5, 1.1e-4, 0.2, 2.0])
+def test_a_zero_that_settles_is_the_response_of_a_first_order_to_a_slope_that_ends(settling: float) -> None:
+    """By quadrature: the slope at each time is the first one, dying out."""
+    flight = rigid_flight()
+    values = {"sensor-drift:alpha.slope": 0.002, "sensor-drift:alpha.settling": settling}
+    late = replace(DRIFT, begin=0.0).finer()
+    read = fly_model(rigid_model().with_effects(late).with_values(values), flight)[0] - fly_model(rigid_model(), flight)[0]
+    expected = [quad(lambda t: 0.002 * np.exp(-settling * t), 0.0, end)[0] for end in flight.time]
+    np.testing.assert_allclose(read, expected, rtol=0.0, atol=1e-15)
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.0, 60.0))
+def test_the_slope_of_settling_is_its_derivative(rate: float, elapsed: float) -> None:
+    got = settled(elapsed, complex(rate, 1e-30)).imag / 1e-30
+    assert got == pytest.approx(-quad(lambda t: t * np.exp(-rate * t), 0.0, elapsed)[0], rel=1e-6, abs=1e-9)
 
 
 def test_sensors_with_memory_come_in_their_order_and_spikes_last() -> None:
