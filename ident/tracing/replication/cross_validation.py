@@ -15,6 +15,7 @@ from ident.tracing import thresholds
 from ident.tracing.candidate_model.fitted_model import FittedModel, belongs_to_record, is_event, local_names
 from ident.tracing.replication.by_record import Flight
 from ident.tracing.replication.comparison import CrossValidatedEffect, CrossValidation, outdone
+from ident.tracing.replication.first_again import first_again
 from ident.tracing.replication.known_motion import motion_that_stands
 from ident.tracing.replication.lone_event import event_that_stands
 from ident.tracing.replication.one_round import Tried, weigh_all
@@ -59,6 +60,8 @@ def cross_validate(
         pair, results = pair_instead(flight, usable, steps[0], found)
         compared += results
         found = pair or found
+        found, results = first_again(flight, usable, steps[0], found)
+        compared += results
         found = [] if found and outdone(_others(steps[0].results, found), found[-1].best) else found
     everything = found[-1].best.fitted if found else first
     event, results = event_that_stands(flight, candidates, everything, fitted_records) if everything is not None else (None, [])
