@@ -55,7 +55,7 @@ def what_replicates(found: Found, judgement: Judgement) -> tuple[Ledger, Judgeme
 
 
 def likely_part(ledger: Ledger, found: Found, partial: Partial | None) -> tuple[Ledger, Partial | None]:
-    """What replicates, up to the first effect that is less likely, with its alternatives, than something that is not named.
+    """What replicates, up to the first effect that is, with its alternatives, less than twice as likely as something that is not named.
 
     What was found beside that one rests on it; what came before does not.
     """
@@ -116,11 +116,11 @@ def judged_again(ledger: Ledger, found: Found, partial: Partial) -> tuple[Ledger
 
 
 def without_unlikely(problem: TraceProblem, judgement: Judgement) -> Judgement:
-    """Unexplained where something that is not named is likelier than a claim with its alternatives; the claims are hints then."""
+    """Unexplained where a claim is, with its alternatives, less than twice as likely as something that is not named; all are hints then."""
     names = unlikely(judgement.claims, problem.twins)
     if not names:
         return judgement
-    told = f"what fits best is {' and '.join(names)}, but something that is not named is likelier"
+    told = f"what fits best is {' and '.join(names)}, but something that is not named is more than half as likely"
     hints = tuple(replace(claim, claimed=False) for claim in judgement.claims)
     return replace(judgement, verdict=Verdict.UNEXPLAINED, claims=hints, cautions=(Caution(Concern.UNLIKELY, told), *judgement.cautions))
 

@@ -86,9 +86,9 @@ def with_probabilities(claims: Sequence[Claim], twins: Mapping[str, Collection[s
 
 
 def unlikely(claims: Sequence[Claim], twins: Mapping[str, Collection[str]]) -> list[str]:
-    """Names of claims that, with their alternatives, are less likely than something that is not named."""
+    """Names of claims that are, with their alternatives, less than twice as likely as something that is not named."""
     told = with_probabilities(claims, twins)
-    return [claim.name for claim in told if claim.probability and _named(claim) < thresholds.LIKELIER_THAN_NOT]
+    return [claim.name for claim in told if claim.probability and _named(claim) < thresholds.LIKELY_BAR]
 
 
 def _named(claim: Claim) -> float:

@@ -164,12 +164,15 @@ def against(*rivals: ComparedSet) -> Weighed:
 PROVEN = Evidence(0.6, 0.05, (), {})
 
 
-def test_a_claim_that_is_less_likely_with_its_alternatives_than_what_is_not_named_is_unlikely() -> None:
+def test_a_claim_that_is_not_twice_as_likely_with_its_alternatives_as_what_is_not_named_is_unlikely() -> None:
     guards = against(ComparedSet((GUARD,), 0.0, guard=True), ComparedSet((), 0.0))
     assert unlikely([Claim(LAG, {}, weighed=guards)], {}) == [LAG]
+    # Two to one is the bar: at 1 in twice the log likelihood a guard has more than a third, at 2 less.
+    for behind, doubted in ((1.0, [LAG]), (2.0, [])):
+        assert unlikely([Claim(LAG, {}, weighed=against(ComparedSet((GUARD,), behind, guard=True)))], {}) == doubted
     assert unlikely([Claim(LAG, {}, claimed=False, weighed=guards), Claim("x", {})], {}) == []
     # What is named beside it counts with it; of what was cross-validated no other name is added.
-    names = against(ComparedSet((SCALE,), 0.0), ComparedSet(("b",), 0.0))
+    names = against(ComparedSet((SCALE,), 0.0), ComparedSet(("b",), 1.0))
     claim = Claim(LAG, {}, weighed=names)
     assert unlikely([claim], {}) == unlikely([replace(claim, evidence=PROVEN, alternatives=(SCALE,))], {}) == []
     assert unlikely([replace(claim, evidence=PROVEN)], {}) == [LAG] and unlikely([replace(claim, evidence=PROVEN)], {LAG: (SCALE,)}) == []
