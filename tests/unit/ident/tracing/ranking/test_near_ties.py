@@ -91,11 +91,11 @@ def test_a_cause_that_is_worse_by_far_is_not_named(monkeypatch: pytest.MonkeyPat
 def test_a_guard_that_hardly_wins_leaves_the_place_to_an_effect_of_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     record = ahead(4.0, 2)
     assert 2.0 < margin(record, GUARD, LATE) < thresholds.GUARD_TIE - 1.0
-    # It is the likelier of the two for all that, unless as much is held against guards: then nothing is claimed after all.
+    # It is the likelier of the two for all that, unless more is held against guards: then nothing is claimed after all.
     monkeypatch.setattr(thresholds, "AGAINST_GUARDS", 0.0)
     withdrawn = traced(record, [LATE], [GUARD])
     assert told(withdrawn) == (Verdict.UNEXPLAINED, []) and withdrawn.warnings[0].concern is Concern.UNLIKELY
-    monkeypatch.setattr(thresholds, "AGAINST_GUARDS", thresholds.GUARD_TIE)
+    monkeypatch.setattr(thresholds, "AGAINST_GUARDS", thresholds.GUARD_TIE + 2.0 * math.log(2.0))
     assert told(traced(record, [LATE], [GUARD])) == (Verdict.TRACED, [(LATE.name, ())])
     monkeypatch.setattr(thresholds, "GUARD_TIE", 0.0)
     diagnosis = traced(record, [LATE], [GUARD])
